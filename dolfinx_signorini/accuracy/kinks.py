@@ -24,7 +24,7 @@ from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.derivatives import Derivative
 from dolfinx_signorini.data.formulas import evaluated
-from dolfinx_signorini.data.interfaces.interface import Interface, OneSided, interfaces
+from dolfinx_signorini.data.interfaces.interface import Interface, interfaces
 from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.interfaces.pieces import inside
 from dolfinx_signorini.meshes.jacobians import determinants, inverses
@@ -128,12 +128,10 @@ class _Kinks:
         across: Array = np.asarray(entries[0][0] if entries else 1.0)
         if len(entries) > 1:
             across = np.einsum("ci,ijc,cj->c", normal, np.array(entries), normal)
-        above, below = OneSided(interface, x, 1.0), OneSided(interface, x, -1.0)
         jump, kink = np.zeros((2, len(x)))
         for formula, factor in ((self.data.load, 1.0), (self.data.reaction, -u)):
             if formula is not None:
-                jump += factor * (above(formula.root) - below(formula.root))
+                jump += factor * interface.jump(formula.root, x)
                 for k, along in enumerate(normal.T):
-                    slope = Derivative(k)(formula.root)
-                    kink += factor * along * (above(slope) - below(slope))
+                    kink += factor * along * interface.jump(Derivative(k)(formula.root), x)
         return jump / across, kink / across

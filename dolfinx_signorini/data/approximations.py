@@ -23,7 +23,7 @@ from dolfinx_signorini.base.tolerances import UPWARDS
 from dolfinx_signorini.data.analytic import missed_by_discs
 from dolfinx_signorini.data.branches import Decided, decided
 from dolfinx_signorini.data.enclosures import enclosed_on_simplices
-from dolfinx_signorini.data.formulas import Formula, evaluated
+from dolfinx_signorini.data.formulas import Formula, evaluated, nodes
 from dolfinx_signorini.data.interfaces.pieces import (
     MOST_PIECES,
     Numbers,
@@ -32,7 +32,6 @@ from dolfinx_signorini.data.interfaces.pieces import (
     subdivide,
     with_reference,
 )
-from dolfinx_signorini.data.names import operations
 from dolfinx_signorini.data.singular import root_mean_squares
 from dolfinx_signorini.meshes.polynomials import largest, polynomials, rule
 from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
@@ -50,7 +49,7 @@ class Approximation:
         found = approximated(formula, comm, corners, degree=3, weights=weights, tolerance=1e-4)
 
     Attributes:
-        coefficients: Each polynomial Q in terms of `reference_flux.polynomials`.
+        coefficients: Each polynomial Q in terms of `polynomials`.
         missed: A bound of the root of the mean of (f - Q)^2 on each simplex.
         mean: A bound of the mean of (f - Q) p on each simplex, for polynomials p of the same degree
             with values of at most 1.
@@ -215,7 +214,7 @@ def _parts(
     dimension, count = corners.shape[1] - 1, len(corners)
     sizes, parts = simplex_sizes(corners), []
     # Ranks may have different formulas, and all leave the loop at the same level.
-    most = comm.allreduce(min(MOST_PIECES, MOST_WORK // operations(formula.root)), op=MPI.MIN)
+    most = comm.allreduce(min(MOST_PIECES, MOST_WORK // len(nodes(formula.root))), op=MPI.MIN)
     allowed = tolerance / np.sqrt(comm.allreduce(float(sizes.sum())) or 1.0)
 
     def look(pieces: Array, owners: Numbers, level: int) -> tuple[Mask, list[Array]]:

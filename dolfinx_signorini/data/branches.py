@@ -27,7 +27,6 @@ from dolfinx_signorini.data.enclosures import enclosed_both_ways, undefined
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode, evaluated
 from dolfinx_signorini.data.interfaces.pieces import FINE, Numbers, subdivide
 from dolfinx_signorini.data.interfaces.singular_sets import factors, margins
-from dolfinx_signorini.data.names import Names
 
 MOST_PATTERNS = 64  # of branches: in all simplices, and where all that there may be are tried
 
@@ -63,10 +62,9 @@ def decided(formulas: Sequence[Formula], corners: Array) -> list[Decided]:
     Returns:
         The formulas themselves, with shares 0, where there are too many branches.
     """
-    names = Names()
-    known = {names[m]: m for m in margins(*formulas)}
+    known = dict.fromkeys(margins(*formulas))
     count, every = len(corners), np.arange(len(corners))
-    found = [_sides(Formula("", margin), corners) for margin in known.values()]
+    found = [_sides(Formula("", margin), corners) for margin in known]
     signs = np.array([sign for sign, _ in found]).reshape(len(found), count)
     patterns, which = np.unique(signs, axis=1, return_inverse=True)
     if not found or patterns.shape[1] > MOST_PATTERNS:
@@ -74,8 +72,7 @@ def decided(formulas: Sequence[Formula], corners: Array) -> list[Decided]:
     shares = np.minimum(np.sum([share for _, share in found], axis=0), 1.0)
 
     def made(pattern: Sequence[bool]) -> list[Formula]:
-        signs = dict(zip(known, pattern, strict=True))
-        chosen = _Chosen(signs, names)
+        chosen = _Chosen(dict(zip(known, pattern, strict=True)))
         return [Formula(f.text, chosen(f.root)) for f in formulas]
 
     parts = []
@@ -156,14 +153,13 @@ def _not_positive(ends: Array) -> Array:
 
 
 class _Chosen(PerNode[Node]):
-    """The nodes of formulas whose branches are those of switches with known signs, by name."""
+    """The nodes of formulas whose branches are those of switches with known signs."""
 
-    def __init__(self, positive: dict[int, bool], names: Names):
+    def __init__(self, positive: dict[Node, bool]):
         super().__init__()
-        self.positive, self.names = positive, names
+        self.positive = positive
 
     def find(self, node: Node) -> Node:
         if node.switch is not None:
-            return self(node.chosen(self.positive[self.names[node.switch]]))
-        parts = tuple(map(self, node.args))
-        return Node(node.op, parts, node.value) if parts else node
+            return self(node.chosen(self.positive[node.switch]))
+        return Node(node.op, tuple(map(self, node.args)), node.value)

@@ -1,8 +1,9 @@
 """The coefficients and the load of -div(A grad u) + c u = f as formulas."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dolfinx_signorini.data.formulas import Formula
+from dolfinx_signorini.data.formulas import ONE, ZERO, Formula, Node
 
 
 @dataclass(frozen=True)
@@ -25,3 +26,12 @@ class Coefficients:
     def entries(self) -> tuple[Formula, ...]:
         """The entries of A."""
         return tuple(entry for row in self.diffusion for entry in row)
+
+
+def tensor(rows: Sequence[Sequence[Formula]], dimension: int) -> list[list[Node]]:
+    """Return all entries of A, whose rows are given as `Coefficients` has them."""
+    entries = [[entry.root for entry in row] for row in rows] or [[ONE]]
+    if len(entries) > 1:
+        return entries
+    every = range(dimension)
+    return [[entries[0][0] if i == j else ZERO for j in every] for i in every]

@@ -11,15 +11,13 @@ from collections import defaultdict
 from functools import lru_cache, reduce
 
 from dolfinx_signorini.base.tolerances import ROUNDING
-from dolfinx_signorini.data.formulas import Formula, Node, PerNode, nodes, number
-from dolfinx_signorini.data.names import Names, operations
+from dolfinx_signorini.data.coefficients import tensor
+from dolfinx_signorini.data.formulas import ONE, ZERO, Formula, Node, PerNode, nodes
 
-Product = frozenset[tuple[int, float]]  # names of atoms with exponents
+Product = frozenset[tuple[Node, float]]  # atoms with exponents
 Sum = dict[Product, tuple[float, float]]  # coefficients, and the sizes of what was added for each
 
 MOST = 400  # products
-LINE = Product()
-ZERO = Node("number")
 
 
 @lru_cache(maxsize=4)  # a scene is posed on many meshes
@@ -38,14 +36,8 @@ def load_and_current(
         d: The dimension of the domain.
     """
     slopes = [Derivative(k)(solution.root) for k in range(d)]
-    current = slopes
-    if len(diffusion) == 1:
-        current = [diffusion[0][0].root * slope for slope in slopes]
-    elif diffusion:
-        current = []
-        for row in diffusion:
-            terms = [a.root * s for a, s in zip(row, slopes, strict=True)]
-            current.append(sum(terms, ZERO))
+    rows = (zip(row, slopes, strict=True) for row in tensor(diffusion, d))
+    current = [sum((a * slope for a, slope in row), ZERO) for row in rows]
     load = -sum((Derivative(k)(w) for k, w in enumerate(current)), ZERO)
     if reaction is not None:
         load = load + reaction.root * solution.root
@@ -68,7 +60,7 @@ class Derivative(PerNode[Node]):
 
     def find(self, node: Node) -> Node:
         if node.op in ("number", "coordinate"):
-            return number(float(node.op == "coordinate" and node.value == self.k)).root
+            return ONE if node.op == "coordinate" and node.value == self.k else ZERO
         slopes = map(self, node.operands)
         found: Node = node.operation.slope(node, *node.operands, *node.exponents, *slopes)
         return found
@@ -82,30 +74,34 @@ def simplified(formula: Formula) -> Formula:
     """Return a formula as a sum of products where that is shorter, with terms cancelled."""
     try:
         expansion = _Expansion(formula.root)
-        root = expansion.node(expansion.reduced(expansion.sum_of(formula.root)))
+        root = expansion.node(expansion.reduced(expansion(formula.root)))
     except (_TooLarge, ArithmeticError):
         return formula
-    shorter = operations(root) < operations(formula.root)
+    shorter = len(nodes(root)) < len(nodes(formula.root))
     return Formula(formula.text, root) if shorter else formula
 
 
-class _Expansion:
-    """The sums of the nodes of a formula, a node that is used twice only once."""
+class _Order(PerNode[int]):
+    """The places of nodes in the order in which they are asked for, behind their operands."""
+
+    def find(self, node: Node) -> int:
+        for operand in node.args:
+            self(operand)
+        return len(self._done)
+
+
+class _Expansion(PerNode[Sum]):
+    """The nodes of a formula as sums of products."""
 
     def __init__(self, root: Node):
-        self.names, self.atoms = Names(), dict[int, Node]()
-        self.done: dict[int, Sum] = {}
-        self.distances: dict[frozenset[int], Node] = {}
-        self.squares: dict[int, tuple[int, int]] = {}  # a to r and b, of a^2 = r^2 - b^2
+        super().__init__()
+        self.order, self.atoms = _Order(), set[Node]()
+        self.distances: dict[frozenset[Node], Node] = {}
+        # a to r and b, of a^2 = r^2 - b^2; no r for 1.
+        self.squares: dict[Node, tuple[Node | None, Node]] = {}
         for node in nodes(root):
             self._look_at(node)
-
-    def sum_of(self, node: Node) -> Sum:
-        """Return a node as a sum of products."""
-        name = self.names[node]
-        if name not in self.done:
-            self.done[name] = self._new(node, name)
-        return self.done[name]
+        self.order(root)
 
     def reduced(self, terms: Sum) -> Sum:
         """Replace squares, and leave out what cancels."""
@@ -116,13 +112,13 @@ class _Expansion:
                 break
             term, (factor, size) = open_.popitem()
             powers = dict(term)
-            name = next((a for a in self.squares if powers.get(a, 0.0) >= 2.0), None)
-            if name is None:
+            atom = next((a for a in self.squares if powers.get(a, 0.0) >= 2.0), None)
+            if atom is None:
                 _add(result, term, factor, size)
                 continue
-            one, other = self.squares[name]
-            rest = self._times(term, frozenset({(name, -2.0)}))
-            positive = self._times(rest, frozenset({(one, 2.0)})) if one >= 0 else rest
+            one, other = self.squares[atom]
+            rest = self._times(term, frozenset({(atom, -2.0)}))
+            positive = self._times(rest, frozenset({(one, 2.0)})) if one else rest
             _add(open_, positive, factor, size)
             _add(open_, self._times(rest, frozenset({(other, 2.0)})), -factor, size)
         if open_:  # squares that replace each other
@@ -133,38 +129,38 @@ class _Expansion:
 
     def node(self, terms: Sum) -> Node:
         """Return the tree of a sum."""
-        parts, powers = [], dict[tuple[int, float], Node]()
+        parts = []
         for term, (factor, _) in terms.items():
-            node = number(factor).root
-            for name, exponent in sorted(term):
-                base = self.atoms[name]
-                power = base if exponent == 1.0 else Node("^", (base, number(exponent).root))
-                node = Node("*", (node, powers.setdefault((name, exponent), power)))
+            node = Node("number", value=factor)
+            for atom, exponent in sorted(term, key=lambda power: self.order(power[0])):
+                power = Node("^", (atom, Node("number", value=exponent)))
+                node = Node("*", (node, atom if exponent == 1.0 else power))
             parts.append(node)
-        return reduce(lambda a, b: Node("+", (a, b)), parts) if parts else number(0.0).root
+        return reduce(lambda a, b: Node("+", (a, b)), parts) if parts else ZERO
 
     def _look_at(self, node: Node) -> None:
         """Take down which squares can be replaced."""
         if node.op == "hypot":
-            key = frozenset(self.names[a] for a in node.args)
-            r = self.names[self.distances.setdefault(key, node)]
-            a, b = (self.names[argument] for argument in node.args)
-            if a != b and a not in self.squares and self.squares.get(b, (-1, -1))[1] != a:
+            self.order(node)
+            r = self.distances.setdefault(frozenset(node.args), node)
+            a, b = node.args
+            if a != b and a not in self.squares and self.squares.get(b, (r, r))[1] != a:
                 self.squares[a] = r, b
-                self.atoms |= {n: v for n, v in zip((a, b), node.args, strict=True)}
-                self.atoms[r] = self.distances[key]
+                self.atoms |= {a, b, r}
         if node.op == "sin":
+            self.order(node)
             cosine = Node("cos", node.args)
-            self.squares[self.names[node]] = -1, self.names[cosine]
-            self.atoms |= {self.names[node]: node, self.names[cosine]: cosine}
+            self.squares[node] = None, cosine
+            self.atoms |= {node, cosine}
+            self.order(cosine)
 
-    def _new(self, node: Node, name: int) -> Sum:
+    def find(self, node: Node) -> Sum:
         if node.op == "number":
-            return {LINE: (node.value, abs(node.value))} if node.value else {}
-        if name in self.atoms:
+            return {Product(): (node.value, abs(node.value))} if node.value else {}
+        if node in self.atoms:
             return self._atom(node)
         if node.op in ("negative", "+", "-"):
-            parts = [self.sum_of(a) for a in node.args]
+            parts = [self(a) for a in node.args]
             signs = {"negative": (-1.0,), "+": (1.0, 1.0), "-": (1.0, -1.0)}[node.op]
             result: Sum = {}
             for part, sign in zip(parts, signs, strict=True):
@@ -172,28 +168,27 @@ class _Expansion:
                     _add(result, term, sign * factor, size)
             return result
         if node.op == "*":
-            return self._product(*(self.sum_of(a) for a in node.args))
+            return self._product(*map(self, node.args))
         if node.op == "/":
-            return self._product(self.sum_of(node.args[0]), self._power(node.args[1], -1.0))
+            return self._product(self(node.args[0]), self._power(node.args[1], -1.0))
         if node.op == "^":
             return self._power(node.args[0], node.args[1].value)
         return self._power(node.args[0], 0.5) if node.op == "sqrt" else self._atom(node)
 
     def _atom(self, node: Node, exponent: float = 1.0) -> Sum:
         if node.op == "hypot":
-            node = self.distances[frozenset(self.names[a] for a in node.args)]
-        self.atoms.setdefault(self.names[node], node)
-        return {frozenset({(self.names[node], exponent)}): (1.0, 1.0)}
+            node = self.distances[frozenset(node.args)]
+        return {frozenset({(node, exponent)}): (1.0, 1.0)}
 
     def _power(self, base: Node, exponent: float) -> Sum:
-        terms, whole = self.sum_of(base), exponent % 1.0 == 0.0
+        terms, whole = self(base), exponent % 1.0 == 0.0
         if len(terms) == 1:
             ((term, (factor, _)),) = terms.items()
-            known = all(self.atoms[n].op == "hypot" for n, _ in term)  # (a^2)^(1/2) is not a
+            known = all(atom.op == "hypot" for atom, _ in term)  # (a^2)^(1/2) is not a
             known |= [p for _, p in term] == [1.0]
             if whole or (factor > 0.0 and known):
                 value = factor**exponent
-                return {frozenset((n, p * exponent) for n, p in term): (value, abs(value))}
+                return {frozenset((atom, p * exponent) for atom, p in term): (value, abs(value))}
         times = int(exponent) if whole else 0
         # A power of a sum has so many products at most: as many as its terms have multisets.
         if times > 0 and math.comb(len(terms) + times - 1, times) <= MOST:
@@ -210,10 +205,10 @@ class _Expansion:
         return result
 
     def _times(self, one: Product, other: Product) -> Product:
-        powers: defaultdict[int, float] = defaultdict(float)
-        for name, exponent in (*one, *other):
-            powers[name] += exponent
-        return frozenset((name, p) for name, p in powers.items() if p != 0.0)
+        powers: defaultdict[Node, float] = defaultdict(float)
+        for atom, exponent in (*one, *other):
+            powers[atom] += exponent
+        return frozenset((atom, p) for atom, p in powers.items() if p != 0.0)
 
 
 def _add(terms: Sum, term: Product, factor: float, size: float) -> None:

@@ -10,7 +10,6 @@ Source: Moore, Kearfott and Cloud, Introduction to Interval Analysis (2009), Cha
 
 from functools import reduce
 from operator import add
-from typing import cast
 
 import numpy as np
 from mpi4py import MPI
@@ -18,13 +17,10 @@ from mpi4py import MPI
 from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.tolerances import ROUNDING
-from dolfinx_signorini.data.formulas import Formula, Node, PerNode, nodes
+from dolfinx_signorini.data.formulas import Formula, Node, PerNode, Values, nodes
 from dolfinx_signorini.data.interfaces.pieces import MOST_PIECES, Numbers, subdivide
 from dolfinx_signorini.data.intervals import Interval, outward
 from dolfinx_signorini.data.operations import COMPARISONS
-
-# A value and, where asked for, its derivatives: shapes (2, 1, boxes) and (2, dimension, boxes).
-Pair = tuple[Interval, Interval | None]
 
 
 def enclosed_on_boxes(formula: Formula, low: Array, high: Array) -> Array:
@@ -104,7 +100,7 @@ def nowhere_negative(comm: MPI.Comm, formula: Formula, corners: Array, tiny: flo
 @np.errstate(all="ignore")
 def undefined(formula: Formula, corners: Array) -> Mask:
     """Return whether a part of a formula may have no value somewhere in simplices."""
-    boxes = Enclosures(corners.min(axis=1), corners.max(axis=1), False)
+    boxes = Enclosures(corners.min(axis=1), corners.max(axis=1))
     return np.broadcast_to(boxes.undefined(formula.root).ravel(), len(corners))
 
 
@@ -131,49 +127,33 @@ def enclosed_gradients(formula: Formula, corners: Array) -> Array:
 
 @np.errstate(all="ignore")
 def _values(formula: Formula, low: Array, high: Array) -> Interval:
-    return Enclosures(low, high, False)(formula.root)[0]
+    return Enclosures(low, high)(formula.root)
 
 
 @np.errstate(all="ignore")
 def _values_and_slopes(formula: Formula, corners: Array) -> tuple[Interval, Interval]:
-    found = Enclosures(corners.min(axis=1), corners.max(axis=1), True)(formula.root)
-    return found[0], cast(Interval, found[1])
+    values = Enclosures(corners.min(axis=1), corners.max(axis=1))
+    return values(formula.root), _Slopes(values)(formula.root)
 
 
-class Enclosures(PerNode[Pair]):
-    """Enclosures of the nodes of formulas on boxes.
+class Enclosures(Values[Interval]):
+    """Enclosures of the nodes of formulas on boxes, shape (2, 1, boxes).
 
     Args:
         low, high: The least and the largest coordinates, shape (boxes, dimension).
-        slopes: Whether derivatives are enclosed, too.
     """
 
-    def __init__(self, low: Array, high: Array, slopes: bool):
-        super().__init__()
-        self.ends, self.slopes = np.stack((low.T, high.T)), slopes
+    def __init__(self, low: Array, high: Array):
+        ends = np.stack((low.T, high.T))
+        coordinates = [Interval(ends[:, k : k + 1]) for k in range(ends.shape[1])]
+        super().__init__("interval", coordinates, coordinates[0].like)
 
-    def find(self, node: Node) -> Pair:
-        if node.op == "number":
-            return Interval(np.full((2, 1, 1), node.value)), self._slope(np.zeros((1, 1)))
-        if node.op == "coordinate":
-            k = int(node.value)
-            unit = np.eye(self.ends.shape[1])[:, k, None]
-            return Interval(self.ends[:, k : k + 1]), self._slope(unit)
-        pairs = [self(a) for a in node.operands]
-        values, slopes = [value for value, _ in pairs], [slope for _, slope in pairs]
-        result = node.operation.of("interval")(*values, *node.exponents)
+    def find(self, node: Node) -> Interval:
+        result = super().find(node)
         if node.op in COMPARISONS:  # of no value is false
             unknown = self.undefined(node)
-            result = Interval(np.where(unknown, [[[0.0]], [[1.0]]], result.ends))
-        if not self.slopes:
-            return result, None
-        # Next to a pole the derivative has a sign that the differences across the pole do not have.
-        broken = ~np.isfinite(result.ends).all(axis=0) | node.operation.jumps(*values)
-        slope = node.operation.slope(result, *values, *node.exponents, *slopes)
-        return result, slope.line_where(broken)
-
-    def _slope(self, value: Array) -> Interval | None:
-        return Interval(np.stack((value, value))) if self.slopes else None
+            return Interval(np.where(unknown, [[[0.0]], [[1.0]]], result.ends))
+        return result
 
     def undefined(self, root: Node) -> Mask:
         """Return whether a part of a formula may have no value at some points, shape (1, boxes)."""
@@ -181,8 +161,28 @@ class Enclosures(PerNode[Pair]):
         for node in nodes(root):
             low, high = node.limits
             if np.isfinite(low):
-                least, most = self(node.args[0])[0].ends
+                least, most = self(node.args[0]).ends
                 tiny = ROUNDING * np.maximum(np.abs(least), np.abs(most))
                 tiny = np.where(np.isfinite(tiny), tiny, 0.0)
                 result = result | (least < low - tiny) | (most > high + tiny)
         return result
+
+
+class _Slopes(PerNode[Interval]):
+    """Enclosures of the derivatives of nodes with certain values, shape (2, dimension, boxes)."""
+
+    def __init__(self, values: Enclosures):
+        super().__init__()
+        self.values = values
+
+    def find(self, node: Node) -> Interval:
+        if not node.args:
+            axes = np.arange(len(self.values.coordinates))[:, None]
+            unit = np.where((node.op == "coordinate") & (axes == node.value), 1.0, 0.0)
+            return Interval(np.stack((unit, unit)))
+        value, operands = self.values(node), [self.values(a) for a in node.operands]
+        # Next to a pole the derivative has a sign that the differences across the pole do not have.
+        broken = ~np.isfinite(value.ends).all(axis=0) | node.operation.jumps(*operands)
+        slopes = map(self, node.operands)
+        slope = node.operation.slope(value, *operands, *node.exponents, *slopes)
+        return slope.line_where(broken)

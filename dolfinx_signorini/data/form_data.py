@@ -15,7 +15,7 @@ from ufl.core.expr import Expr
 from ufl.corealg.traversal import unique_pre_traversal
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
-from dolfinx_signorini.data.formulas import Formula, number
+from dolfinx_signorini.data.formulas import ONE, Formula
 from dolfinx_signorini.data.reading import formula_of
 from dolfinx_signorini.data.readings import Reading
 from dolfinx_signorini.data.sampling import DEGREE, Datum
@@ -42,9 +42,9 @@ def form_data(form: ufl.Form) -> Iterator[Datum]:
     for i, integral in enumerate(form.integrals()):
         kind = integral.integral_type()
         name = NAMES.get((kind, len(form.arguments())))
-        parts = _parts(domain, integral)
-        if name is None or parts is None:
+        if name is None:
             continue
+        parts = _parts(domain, integral)
         for formula in _formulas(reading, i, domain.geometry.dim, space.dofmap.bs):
             if formula.constant is None:
                 yield Datum(name, formula, "mass", degree if kind == "cell" else DEGREE, *parts)
@@ -87,7 +87,7 @@ def with_reciprocal(entry: Formula) -> list[Formula]:
     """
     if entry.constant is not None:
         return [entry]
-    return [entry, Formula(f"1/({entry.text})", number(1.0).root / entry.root)]
+    return [entry, Formula(f"1/({entry.text})", ONE / entry.root)]
 
 
 def _outermost_choices(term: Expr) -> list[Expr]:
@@ -97,12 +97,10 @@ def _outermost_choices(term: Expr) -> list[Expr]:
     return [part for part in found if part not in inner]
 
 
-def _parts(domain: mesh.Mesh, integral: Any) -> tuple[Array, LocalIndices] | None:
-    """The vertices and the owned cells of what an integral is over; None for other kinds."""
+def _parts(domain: mesh.Mesh, integral: Any) -> tuple[Array, LocalIndices]:
+    """The vertices and the owned cells of the cells or boundary facets that an integral is over."""
     if integral.integral_type() == "cell":
         return _cells_of(domain, integral)
-    if integral.integral_type() != "exterior_facet":
-        return None
     if is_everywhere(integral):
         return on_boundary(domain, boundary_facets(domain))
     if isinstance(integral.subdomain_data(), mesh.MeshTags):

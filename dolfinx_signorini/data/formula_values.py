@@ -16,17 +16,16 @@ from ufl.classes import Grad
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base import compat, compiled
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import BLOCK, Array
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.tolerances import SOLVED
-from dolfinx_signorini.data.formulas import Node, nodes, together
+from dolfinx_signorini.data.formulas import Node, coordinates, nodes, together
 from dolfinx_signorini.data.reading import Unreadable, lowered, roots
 from dolfinx_signorini.meshes.points import Points
 
 # Of the largest value in a cell: a point that moves inwards as `Points.inside` has it changes the
 # square root of the distance from a vertex by much less.
 JUMP = SOLVED ** (1.0 / 3.0)
-BLOCK = 16_384  # points at a time, whose values stay in the cache of a processor
 
 
 class FormulaAtPoints:
@@ -52,26 +51,19 @@ class FormulaAtPoints:
         self._inside = inside
         self._constants = extract_constants(self._vector)
         self._functions = extract_coefficients(self._vector)
-        self._places: dict[Expr, Any] = {}
-        self._columns = domain.geometry.dim
+        self._places: dict[Expr, Any] = {}  # more coordinates of the formulas
         self._normals = list(extract_type(self._vector, ufl.FacetNormal))
         slopes = extract_type(self._vector, Grad)
         self._slopes = [each for each in map(ufl.grad, self._functions) if each in slopes]
+        first = domain.geometry.dim
         for part in self._normals + self._functions + self._slopes:
-            self._place(part)
+            self._places[part] = coordinates(first, part.ufl_shape)
+            first += self._places[part].size
         try:
             self._roots = self._read()
         except Unreadable as rest:
             message = f"must depend on coordinates and functions only, not on {rest}"
             raise InputError(message, "u") from None
-
-    def _place(self, part: Expr) -> None:
-        """Let the components of a part of the expressions be the next coordinates."""
-        size = int(np.prod(part.ufl_shape))
-        every = range(self._columns, self._columns + size)
-        nodes = [Node("coordinate", value=k) for k in every]
-        self._places[part] = np.array(nodes, dtype=object).reshape(part.ufl_shape)
-        self._columns += size
 
     def _read(self) -> list[Node]:
         """Return the components as formulas, in which constants have their present values."""

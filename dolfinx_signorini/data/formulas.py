@@ -5,16 +5,25 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
+from weakref import WeakValueDictionary
 
 import numpy as np
+import numpy.typing as npt
 import ufl
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.data.arithmetic import Number
-from dolfinx_signorini.data.operations import COMPARISONS, OPERATIONS, VALUES_ALONE, Operation
+from dolfinx_signorini.data.operations import (
+    COMPARISONS,
+    LINE,
+    OPERATIONS,
+    POSITIVE,
+    VALUES_ALONE,
+    Operation,
+)
 
 COORDINATES = ("x", "y", "z")
 CONSTANTS = {"pi": math.pi}
@@ -24,7 +33,9 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, eq=False)
 class Node(Number):
-    """One operation of a formula, equal to nothing but to this very operation.
+    """One operation of a formula. There is one node for all equal trees:
+
+        parse("x + 1").root is parse("x + 1").root
 
     For example, the product of 2 and the first coordinate:
 
@@ -47,6 +58,11 @@ class Node(Number):
     value: float = 0.0
     size: int = field(init=False)
     depth: int = field(init=False)
+    _known: ClassVar[WeakValueDictionary[tuple[object, ...], "Node"]] = WeakValueDictionary()
+
+    def __new__(cls, op: str, args: tuple["Node", ...] = (), value: float = 0.0) -> "Node":
+        key = op, args, value, math.copysign(1.0, value)  # -0.0 is not 0.0
+        return cls._known.setdefault(key, super().__new__(cls))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "size", 1 + sum(a.size for a in self.args))
@@ -56,7 +72,8 @@ class Node(Number):
         """Return a number as a node."""
         return Node("number", value=float(value))
 
-    def made(self, op: str, *args: "Node") -> "Node":
+    @staticmethod
+    def made(op: str, *args: "Node") -> "Node":
         """Return an operation, or of numbers the number if that is finite."""
         if op == "where" and args[1].op == "number" and args[2].is_number(args[1].value):
             return args[1]
@@ -125,8 +142,8 @@ class Node(Number):
     def limits(self) -> tuple[float, float]:
         """Where the domain of the first operand begins and ends."""
         if self.op == "^" and self.args[1].value % 1.0:
-            return 0.0, math.inf
-        return self.operation.limits if self.args else (-math.inf, math.inf)
+            return POSITIVE
+        return self.operation.limits if self.args else LINE
 
     @functools.cached_property
     def switch(self) -> "Node | None":
@@ -139,6 +156,15 @@ class Node(Number):
         assert self.operation.branches is not None
         branches: tuple[Node, Node] = self.operation.branches(*self.args)
         return branches[0 if positive else 1]
+
+
+ZERO, ONE = Node("number"), Node("number", value=1.0)
+
+
+def coordinates(first: int, shape: tuple[int, ...]) -> npt.NDArray[np.object_]:
+    """Return coordinates from a number on, as an array of nodes."""
+    every = range(first, first + math.prod(shape))
+    return np.array([Node("coordinate", value=k) for k in every], dtype=object).reshape(shape)
 
 
 class PerNode(ABC, Generic[T]):

@@ -11,7 +11,7 @@ import numpy as np
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.enclosures import enclosed_gradients, enclosed_on_simplices
-from dolfinx_signorini.data.formulas import Formula, Node, number
+from dolfinx_signorini.data.formulas import ONE, ZERO, Formula, Node
 
 
 def eigenvalues(entries: Sequence[Formula], corners: Array) -> tuple[Array, Array]:
@@ -53,18 +53,18 @@ def _centred(ends: Array) -> tuple[Array, Array]:
 
 def inverse_entries(entries: Sequence[Formula]) -> list[Formula]:
     """Return the entries of the inverse of a matrix of formulas, by cofactors."""
-    n, one = math.isqrt(len(entries)), number(1.0).root
+    n = math.isqrt(len(entries))
     matrix = [[entries[n * i + j].root for j in range(n)] for i in range(n)]
 
     def cofactor(i: int, j: int) -> Node:
         if n == 1:
-            return one
+            return ONE
         if n == 2:
             entry = matrix[1 - i][1 - j]
             return entry if i == j else -entry
         i, k, j, m = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
         return matrix[i][j] * matrix[k][m] - matrix[i][m] * matrix[k][j]
 
-    determinant = sum((matrix[0][j] * cofactor(0, j) for j in range(n)), number(0.0).root)
+    determinant = sum((matrix[0][j] * cofactor(0, j) for j in range(n)), ZERO)
     found = [cofactor(j, i) / determinant for i in range(n) for j in range(n)]
     return [Formula("an entry of the inverse of the diffusion", entry) for entry in found]

@@ -5,9 +5,8 @@ entries of a diffusion tensor, or the stiffness of an elastic body.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import reduce
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import basix
@@ -17,13 +16,13 @@ from dolfinx import fem, mesh
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.data.coefficients import tensor
 from dolfinx_signorini.data.form_data import cells_of
-from dolfinx_signorini.data.formulas import Formula, Node, nodes, number, together
+from dolfinx_signorini.data.formulas import ZERO, Formula, Node, nodes, together
 from dolfinx_signorini.data.interfaces.jumps import marks_projections
 from dolfinx_signorini.data.readings import Reading
 from dolfinx_signorini.meshes.points import Points
 
-CORNERS = {2: 3, 3: 6}  # vertices of a triangle, edges of a tetrahedron
 Entries: TypeAlias = Any  # an array of nodes, shape (n, d, n, d)
 
 
@@ -38,14 +37,14 @@ class PrincipalPart:
         domain: The mesh.
         entries: The coefficients in each integral.
         cells: The owned cells of each integral; None for all of them.
-        functions: What stands for the coordinates of formulas behind those of space: functions, by
-            the number of the coordinate that their first component is; None for 0.
+        functions: The functions whose components are the coordinates of formulas behind those of
+            space, each with whether 0 stands in their places.
     """
 
     domain: mesh.Mesh
     entries: tuple[Entries, ...]
     cells: tuple[LocalIndices | None, ...]
-    functions: Mapping[int, fem.Function | None] = field(default_factory=dict)
+    functions: tuple[tuple[fem.Function, bool], ...] = ()
 
     @property
     def size(self) -> int:
@@ -68,7 +67,7 @@ class PrincipalPart:
             Shape (cells, corners, n, d, n, d).
         """
         shape = self.entries[0].shape
-        result = np.zeros((*shape, len(cells), CORNERS[self.domain.topology.dim]))
+        result = np.zeros((*shape, len(cells), len(self._corners)))
         for inside, place, values in self._at_corners(cells):
             result[place][inside] += values
         return np.moveaxis(result, (4, 5), (0, 1))
@@ -79,24 +78,26 @@ class PrincipalPart:
         Where coefficients differ, so do their combinations, but for unlikely coincidences.
         """
         weights = mixing(self.entries[0].shape)
-        result = np.zeros((len(cells), CORNERS[self.domain.topology.dim]))
+        result = np.zeros((len(cells), len(self._corners)))
         for inside, place, values in self._at_corners(cells):
             result[inside] += weights[place] * values
         return result
 
-    def _at_corners(self, cells: LocalIndices) -> Iterator[tuple[Mask, tuple[int, ...], Array]]:
-        """Yield the values of each entry, with the cells that have the entry."""
+    @property
+    def _corners(self) -> Array:
+        """The vertices of the reference triangle, or the middles of the tetrahedron's edges."""
         cell, dim = basix.CellType[self.domain.topology.cell_name()], self.domain.topology.dim
         corners = np.asarray(basix.geometry(cell))
-        middles = np.array([corners[list(v)].mean(axis=0) for v in basix.topology(cell)[dim - 2]])
-        points = Points(self.domain, cells, middles)
-        coordinates = dict(enumerate(points.inside))
-        for first, f in self.functions.items():
-            zero = np.zeros_like(points.inside[0])
-            coordinates |= dict(enumerate([zero] if f is None else points.values(f), start=first))
-        x = np.zeros((len(cells), len(middles), 1 + max(coordinates)))
-        for k, values in coordinates.items():
-            x[:, :, k] = values
+        return np.array([corners[list(v)].mean(axis=0) for v in basix.topology(cell)[dim - 2]])
+
+    def _at_corners(self, cells: LocalIndices) -> Iterator[tuple[Mask, tuple[int, ...], Array]]:
+        """Yield the values of each entry, with the cells that have the entry."""
+        points = Points(self.domain, cells, self._corners)
+        coordinates = list(points.inside)
+        zero = np.zeros_like(coordinates[0])
+        for f, is_zero in self.functions:
+            coordinates += [zero] * math.prod(f.ufl_shape) if is_zero else points.values(f)
+        x = np.stack(coordinates, axis=2)
         for entries, own in zip(self.entries, self.cells, strict=True):
             inside: Mask = np.isin(cells, own) if own is not None else np.ones(len(cells), bool)
             distinct: list[Node] = list(dict.fromkeys(entries.flat))
@@ -122,23 +123,23 @@ def principal_part(a: ufl.Form) -> PrincipalPart | None:
         for place in np.ndindex(entries.shape):
             chosen = [place[0] + size * (1 + place[1]), place[2] + size * (1 + place[3])]
             read = [reading.formula(p, chosen, functions=True) for p in reading.places(i)]
-            if any(formula is None for formula in read):
+            known = [formula.root for formula in read if formula is not None]
+            if len(known) < len(read):
                 return None
-            entries[place] = _sum([formula for formula in read if formula is not None])
+            entries[place] = sum(known, ZERO)
         found.append(entries)
         cells.append(cells_of(space.mesh, integral))
     if not found:
         return None
     leaves = {n for part in found for root in set(part.flat) for n in nodes(root)}
     used = {int(n.value) for n in leaves if n.op == "coordinate"}
-    functions, first = dict[int, fem.Function | None](), dim
+    functions, first = [], dim
     for f in a.coefficients():
         last = first + math.prod(f.ufl_shape)
-        if used & set(range(first, last)):
-            # Projections jump between cells, unlike the formula that they stand for.
-            functions[first] = None if marks_projections(f) else f
+        # Projections jump between cells, unlike the formula that they stand for.
+        functions.append((f, marks_projections(f) or not used & set(range(first, last))))
         first = last
-    part = PrincipalPart(space.mesh, tuple(found), tuple(cells), functions)
+    part = PrincipalPart(space.mesh, tuple(found), tuple(cells), tuple(functions))
     try:  # values of functions in other spaces are not known
         part.at_corners(np.empty(0, dtype=np.int32))
     except InputError:
@@ -153,16 +154,5 @@ def diffusion_part(domain: mesh.Mesh, rows: Sequence[Sequence[Formula]]) -> Prin
         domain: The mesh.
         rows: The rows of the tensor; one entry stands for a multiple of the identity, none for 1.
     """
-    dim = domain.geometry.dim
-    zero, roots = number(0.0).root, [[entry.root for entry in row] for row in rows]
-    if len(roots) <= 1:
-        factor = roots[0][0] if roots else number(1.0).root
-        roots = [[factor if i == j else zero for j in range(dim)] for i in range(dim)]
-    entries = np.empty((1, dim, 1, dim), dtype=object)
-    for i in range(dim):
-        entries[0, i, 0, :] = roots[i]
-    return PrincipalPart(domain, (entries,), (None,))
-
-
-def _sum(formulas: Sequence[Formula]) -> Node:
-    return reduce(lambda a, b: a + b, (f.root for f in formulas), number(0.0).root)
+    entries = np.array(tensor(rows, domain.geometry.dim), dtype=object)
+    return PrincipalPart(domain, (entries[None, :, None],), (None,))

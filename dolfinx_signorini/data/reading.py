@@ -25,8 +25,7 @@ from ufl.corealg.traversal import unique_post_traversal
 
 from dolfinx_signorini.base.compat import ELEMENTS
 from dolfinx_signorini.data.enclosures import enclosed_everywhere
-from dolfinx_signorini.data.formulas import Formula, Node, folded, number, shortened
-from dolfinx_signorini.data.names import Names, operations
+from dolfinx_signorini.data.formulas import ZERO, Formula, Node, folded, nodes, number, shortened
 from dolfinx_signorini.data.operations import FUNCTIONS, OPERATIONS
 from dolfinx_signorini.data.parsing import MAX_SIZE
 
@@ -93,7 +92,7 @@ def read(expression: Expr, terminals: Terminals) -> Formula | None:
         root = _Reader(terminals).node(expression, (), {})
     except (Unreadable, ArithmeticError, RecursionError):
         return None
-    if operations(root) > MAX_SIZE:
+    if len(nodes(root)) > MAX_SIZE:
         return None
     if root.op == "number":  # the text of a large expression takes longer than all else
         return number(root.value)
@@ -128,7 +127,7 @@ class _Reader:
 
     def __init__(self, terminals: Terminals, values_alone: bool = False):
         self.terminals, self.values_alone = terminals, values_alone
-        self.fold = number(0.0).root.made if values_alone else folded
+        self.fold = Node.made if values_alone else folded
         self.known: dict[tuple[int, Component, Component], Node] = {}
 
     def node(self, expression: Expr, component: Component, indices: dict[int, int]) -> Node:
@@ -142,7 +141,7 @@ class _Reader:
     def _new(self, e: Expr, component: Component, indices: dict[int, int]) -> Node:
         if not isinstance(e, classes.Condition) and e in self.terminals:
             known = np.asarray(self.terminals[e])[component]
-            return known if isinstance(known, Node) else number(float(known)).root
+            return known if isinstance(known, Node) else Node("number", value=float(known))
         operands = e.ufl_operands
         if isinstance(e, classes.Terminal):
             return _terminal(e, component, not self.values_alone)
@@ -157,8 +156,7 @@ class _Reader:
         if isinstance(e, classes.IndexSum):
             i = operands[1][0].count()
             every = range(e.dimension())  # of a tensor where the summand is one
-            terms = (self.node(operands[0], component, indices | {i: k}) for k in every)
-            return reduce(lambda a, b: a + b, terms)
+            return sum((self.node(operands[0], component, indices | {i: k}) for k in every), ZERO)
         if isinstance(e, classes.ListTensor):
             return self.node(operands[component[0]], component[1:], indices)
         if isinstance(e, classes.Conditional):
@@ -172,7 +170,7 @@ class _Reader:
         if op in ("+", "/"):
             return reduce(OPERATIONS[op].value, arguments)
         if op in ("^", "sqrt"):
-            exponent = arguments[1] if op == "^" else number(0.5).root
+            exponent = arguments[1] if op == "^" else Node("number", value=0.5)
             return self._power(arguments[0], exponent)
         if self.values_alone and type(e) in SPECIAL:
             return Node(SPECIAL[type(e)], tuple(arguments))
@@ -223,15 +221,14 @@ def _terminal(e: Expr, component: Component, finite: bool) -> Node:
         raise Unreadable(e)
     if value.imag or (finite and not math.isfinite(value.real)):
         raise Unreadable(e)
-    return number(value.real).root
+    return Node("number", value=value.real)
 
 
 def _product(a: Node, b: Node) -> Node:
     """Return a product; s hypot(a/s, b/s) with s >= 0, as of tiny a and b, is hypot(a, b)."""
-    names = Names()
     for scale, distance in ((a, b), (b, a)):
         parts = distance.args if distance.op == "hypot" else ()
-        scaled = [p.op == "/" and names[p.args[1]] == names[scale] for p in parts]
+        scaled = [p.op == "/" and p.args[1] is scale for p in parts]
         if any(scaled) and all(scaled) and enclosed_everywhere(scale).low.min() >= 0.0:
             return Node("hypot", (parts[0].args[0], parts[1].args[0]))
     return a * b
@@ -242,7 +239,6 @@ def _squares(node: Node) -> list[Node]:
     if node.op == "+":
         parts = [_squares(a) for a in node.args]
         return [a for part in parts for a in part] if all(parts) else []
-    names = Names()
-    if node.op == "*" and names[node.args[0]] == names[node.args[1]]:
+    if node.op == "*" and node.args[0] is node.args[1]:
         return [node.args[0]]
     return [node.args[0]] if node.op == "^" and node.args[1].value == 2.0 else []

@@ -9,7 +9,7 @@ has been found to be, all forms with its signature and with the same values of c
 """
 
 from collections.abc import Callable, Hashable, Sequence
-from functools import cached_property, reduce
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,7 +19,7 @@ from ufl.core.expr import Expr
 from ufl.corealg.traversal import traverse_unique_terminals
 
 from dolfinx_signorini.base.sums_of_squares import summands
-from dolfinx_signorini.data.formulas import Formula, Node, number
+from dolfinx_signorini.data.formulas import ZERO, Formula, coordinates
 from dolfinx_signorini.data.reading import lowered, read
 
 T = TypeVar("T")
@@ -93,15 +93,10 @@ class Reading:
 
     def total(self, places: Sequence[Place], chosen: Sequence[int], normal: int = 0) -> Formula:
         """Return the sum of the readable ones of some summands; see `formula`."""
-
-        def found() -> Formula:
-            parts = [self.formula(place, chosen, normal) for place in places]
-            known = [formula for formula in parts if formula is not None]
-            roots = [formula.root for formula in known]
-            text = " + ".join(formula.text for formula in known)
-            return Formula(text, reduce(lambda a, b: a + b, roots, number(0.0).root))
-
-        return self._once((tuple(places), tuple(chosen), normal), found)
+        parts = [self.formula(place, chosen, normal) for place in places]
+        known = [formula for formula in parts if formula is not None]
+        text = " + ".join(formula.text for formula in known)
+        return Formula(text, sum((formula.root for formula in known), ZERO))
 
     def _has_linear_normals(self, place: Place) -> bool:
         term, arguments = self.terms[place[0]][place[1]], self.form.arguments()
@@ -124,10 +119,8 @@ class Reading:
         known: dict[Expr, Any] = {ufl.FacetNormal(domain): np.eye(dim)[normal]}
         first = dim
         for function in self.form.coefficients() if functions else []:
-            size = int(np.prod(function.ufl_shape))
-            places = [Node("coordinate", value=k) for k in range(first, first + size)]
-            known[function] = np.array(places, dtype=object).reshape(function.ufl_shape)
-            first += size
+            known[function] = coordinates(first, function.ufl_shape)
+            first += known[function].size
         for argument, code in zip(self.form.arguments(), chosen, strict=True):
             shape, slope = argument.ufl_shape, ufl.grad(argument)
             size = int(np.prod(shape))

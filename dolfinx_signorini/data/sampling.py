@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Mask
@@ -21,6 +20,7 @@ from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.pieces import (
     FINE,
     MOST_PIECES,
+    Numbers,
     corners_of_reference,
     divided,
     inside,
@@ -28,8 +28,6 @@ from dolfinx_signorini.data.interfaces.pieces import (
 )
 from dolfinx_signorini.meshes.quadrature import CELL_RULE
 from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
-
-Indices = npt.NDArray[np.signedinteger[Any]]
 
 # Of the polynomials that follow data which are integrated: about as many points as quadrature has.
 DEGREE = (CELL_RULE.degree + 1) // 2
@@ -57,7 +55,7 @@ class Datum:
     measure: str
     degree: int
     corners: Array
-    owners: Indices
+    owners: Numbers
 
 
 @dataclass
@@ -81,7 +79,7 @@ class Samples:
     points: Array
     values: Array
     weights: Array
-    owners: Indices
+    owners: Numbers
     unclear: Mask
     norm: float
     hidden: float

@@ -22,7 +22,6 @@ from dolfinx_signorini.data.interfaces.pieces import widths
 from dolfinx_signorini.data.interfaces.singular_sets import NEAR_POLE
 from dolfinx_signorini.data.intervals import Interval, outward
 from dolfinx_signorini.data.matrices import least_stretch
-from dolfinx_signorini.data.names import Names
 from dolfinx_signorini.data.operations import applied
 from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
 
@@ -43,13 +42,12 @@ def root_mean_squares(formula: Formula, corners: Array) -> Array:
     """
     result = np.full(len(corners), np.inf)
     low, high = corners.min(axis=1), corners.max(axis=1)
-    names = Names()
-    for pair in _pairs(formula.root, names):
+    for pair in _pairs(formula.root):
         radius = enclosed_on_boxes(Formula("r", Node("hypot", pair)), low, high)
         near = np.flatnonzero((radius[0] <= NEAR_POLE * radius[1]) & np.isfinite(radius[1]))
         if not len(near):
             continue
-        scaled = _ScaledNodes(np.stack((low[near].T, high[near].T)), pair, radius[1, near], names)
+        scaled = _ScaledNodes(np.stack((low[near].T, high[near].T)), pair, radius[1, near])
         with np.errstate(all="ignore"):
             n, t = scaled(formula.root)
             most = np.broadcast_to(abs(t).high, len(near))
@@ -58,17 +56,13 @@ def root_mean_squares(formula: Formula, corners: Array) -> Array:
     return result
 
 
-def _pairs(root: Node, names: Names) -> list[tuple[Node, Node]]:
-    """The arguments of distances and angles in a formula."""
-    found: dict[frozenset[int], tuple[Node, Node]] = {}
+def _pairs(root: Node) -> list[tuple[Node, Node]]:
+    """The arguments of distances and angles in a formula, in either order but once."""
+    found: dict[frozenset[Node], tuple[Node, Node]] = {}
     for node in nodes(root):
         if node.op in ("hypot", "atan2"):
-            found.setdefault(_key(node, names), (node.args[0], node.args[1]))
+            found.setdefault(frozenset(node.args), (node.args[0], node.args[1]))
     return list(found.values())
-
-
-def _key(node: Node, names: Names) -> frozenset[int]:
-    return frozenset(names[a] for a in node.args)
 
 
 def _mean_power(pair: tuple[Node, Node], corners: Array, n: float, most: Array) -> Array:
@@ -87,19 +81,18 @@ def _mean_power(pair: tuple[Node, Node], corners: Array, n: float, most: Array) 
 class _ScaledNodes(PerNode[Scaled]):
     """Enclosures of the nodes of a formula on boxes, as r^n t, with the largest r in each box."""
 
-    def __init__(self, ends: Array, pair: tuple[Node, Node], most: Array, names: Names):
+    def __init__(self, ends: Array, pair: tuple[Node, Node], most: Array):
         super().__init__()
-        self.ends, self.most, self.names = ends, most, names
-        self.key = frozenset(names[a] for a in pair)
+        self.ends, self.pair, self.most = ends, frozenset(pair), most
 
     def find(self, node: Node) -> Scaled:
-        if self.names[node] in self.key:
+        if node in self.pair:
             return 1.0, Interval(np.array([[-1.0], [1.0]]))
         if node.op == "number":
             return 0.0, Interval(np.full((2, 1), node.value))
         if node.op == "coordinate":
             return 0.0, Interval(self.ends[:, int(node.value)])
-        if node.op == "hypot" and _key(node, self.names) == self.key:
+        if node.op == "hypot" and self.pair == frozenset(node.args):
             return 1.0, Interval(np.ones((2, 1)))
         function = node.operation.of("interval")
         if node.op == "where":

@@ -36,7 +36,7 @@ class _Smoothness(PerNode[int]):
     def __init__(self, corners: Array):
         super().__init__()
         self.corners = corners
-        self.enclosures = Enclosures(corners.min(axis=1), corners.max(axis=1), False)
+        self.enclosures = Enclosures(corners.min(axis=1), corners.max(axis=1))
 
     def find(self, node: Node) -> int:
         with np.errstate(all="ignore"):
@@ -49,7 +49,7 @@ class _Smoothness(PerNode[int]):
 
     def ends(self, node: Node) -> Array:
         """The values on the cells, shape (2, cells)."""
-        value = self.enclosures(node)[0].ends[:, 0]
+        value = self.enclosures(node).ends[:, 0]
         return np.broadcast_to(value, (2, len(self.corners)))
 
     def _own(self, node: Node) -> int:

@@ -8,13 +8,14 @@ the boundary.
 from collections.abc import Sequence
 
 import numpy as np
+from dolfinx import mesh
 
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.ranks import largest, summed
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.data.interfaces.cutting import planes
-from dolfinx_signorini.data.interfaces.interface import Interface, interfaces
+from dolfinx_signorini.data.interfaces.interface import interfaces
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
     boundary_facets,
@@ -36,61 +37,46 @@ def follow(sided: SidedMesh, formulas: Sequence[Formula]) -> None:
     curves = interfaces(*formulas)
     if not curves or sided.regions:
         return
-    vertices = _Vertices(sided)
+    domain, dimension = sided.mesh, sided.mesh.topology.dim
+    x: Array = np.array(domain.geometry.x[:, :dimension], dtype=np.float64)
+    altitudes, (normals, free) = _altitudes(domain), _planes(sided, x)
     for curve in curves:
-        vertices.move(curve)
-    vertices.store()
-
-
-class _Vertices:
-    """The vertices of a mesh, which are the nodes of its geometry.
-
-    Attributes:
-        x: The coordinates of the vertices, shape (vertices, dimension).
-        altitudes: The smallest altitude of the cells around each.
-        normals: The mean of n n^T over the boundary facets around, 0 inside.
-        free: Whether the boundary facets around a vertex are in a plane and on the same sides.
-    """
-
-    def __init__(self, sided: SidedMesh):
-        self.domain, self.dimension = sided.mesh, sided.mesh.topology.dim
-        self.places = self.domain.geometry.index_map()
-        self.x: Array = np.array(self.domain.geometry.x[:, : self.dimension], dtype=np.float64)
-        # The gradients of the barycentric coordinates are as long as altitudes are short.
-        cells = owned_cells(self.domain)
-        inverse, corners = (
-            np.linalg.inv(cell_edges(self.domain, cells)),
-            self.domain.geometry.dofmap,
-        )
-        steep = np.linalg.norm(inverse, axis=2).max(axis=1, initial=0.0)
-        steepest = np.repeat(steep, corners.shape[1])
-        self.altitudes = 1.0 / largest(self.places, corners[cells].ravel(), steepest)
-        facets = boundary_facets(self.domain)
-        nodes = facet_nodes(self.domain, facets)
-        numbers = summed(self.places, nodes)
-
-        def mean(values: Array) -> Array:
-            return np.asarray(
-                summed(self.places, nodes, values[:, None]) / np.maximum(numbers, 1.0)
-            )
-
-        self.normals, self.free = planes(self.x[nodes], sided.combinations(facets)[1], mean)
-
-    def move(self, curve: Interface) -> None:
-        """Move the vertices near an interface onto it."""
-        value, slope = curve.values(self.x), curve.gradients(self.x)
-        slope -= np.einsum("vij,vj->vi", self.normals, slope)
+        value, slope = curve.values(x), curve.gradients(x)
+        slope -= np.einsum("vij,vj->vi", normals, slope)
         with np.errstate(all="ignore"):
-            steps = NEAR * self.altitudes * np.sign(value) / np.linalg.norm(slope, axis=1)
-            ends = self.x - steps[:, None] * slope
-        crossing = np.flatnonzero(self.free & (value * curve.values(ends) < 0.0))
-        shares = curve.zeros(self.x[crossing], ends[crossing])
+            steps = NEAR * altitudes * np.sign(value) / np.linalg.norm(slope, axis=1)
+            ends = x - steps[:, None] * slope
+        crossing = np.flatnonzero(free & (value * curve.values(ends) < 0.0))
+        shares = curve.zeros(x[crossing], ends[crossing])
         far = shares > SOLVED
         chosen, shares = crossing[far], shares[far, None]
-        self.x[chosen] += shares * (ends[chosen] - self.x[chosen])
+        x[chosen] += shares * (ends[chosen] - x[chosen])
+    places = domain.geometry.index_map()
+    own = np.arange(places.size_local)  # ghosts get what their owners have
+    for k in range(dimension):
+        domain.geometry.x[:, k] = summed(places, own, x[own, k])
 
-    def store(self) -> None:
-        """Give the mesh the vertices, those of the ranks that own them."""
-        own = np.arange(self.places.size_local)
-        for k in range(self.dimension):
-            self.domain.geometry.x[:, k] = summed(self.places, own, self.x[own, k])
+
+def _altitudes(domain: mesh.Mesh) -> Array:
+    """The smallest altitude of the cells around each vertex.
+
+    The gradients of the barycentric coordinates are as long as altitudes are short.
+    """
+    cells = owned_cells(domain)
+    corners = domain.geometry.dofmap[cells]
+    inverse = np.linalg.inv(cell_edges(domain, cells))
+    steep = np.linalg.norm(inverse, axis=2).max(axis=1, initial=0.0)
+    steepest = np.repeat(steep, corners.shape[1])
+    return np.asarray(1.0 / largest(domain.geometry.index_map(), corners.ravel(), steepest))
+
+
+def _planes(sided: SidedMesh, x: Array) -> tuple[Array, Mask]:
+    """The planes of the boundary at vertices with coordinates x, see `planes`."""
+    places, facets = sided.mesh.geometry.index_map(), boundary_facets(sided.mesh)
+    nodes = facet_nodes(sided.mesh, facets)
+    numbers = np.maximum(summed(places, nodes), 1.0)
+
+    def mean(values: Array) -> Array:
+        return np.asarray(summed(places, nodes, values[:, None]) / numbers)
+
+    return planes(x[nodes], sided.combinations(facets)[1], mean)

@@ -5,7 +5,6 @@ either side of the interface: of each choice that hangs on the function, the cho
 """
 
 import functools
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,24 +12,15 @@ import numpy.typing as npt
 from scipy.optimize.elementwise import find_root
 
 from dolfinx_signorini.base.arrays import Array, Mask
-from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
+from dolfinx_signorini.base.tolerances import SIX_DIGITS, SOLVED
 from dolfinx_signorini.data.derivatives import Derivative
-from dolfinx_signorini.data.formulas import (
-    Formula,
-    Node,
-    PerNode,
-    evaluated,
-    number,
-    together,
-)
+from dolfinx_signorini.data.formulas import ZERO, Formula, Node, PerNode, evaluated, together
 from dolfinx_signorini.data.interfaces.pieces import corners_of_reference, cut, inside
 from dolfinx_signorini.data.interfaces.singular_sets import factors, is_even, switches
-from dolfinx_signorini.data.names import Names
 from dolfinx_signorini.meshes.polynomials import barycentric, equispaced
 
 FLAT = 1e-3  # of the range of the function in a piece: how far from linear the function may be
 SAMPLES = 6  # along the edges of cells in which a change of the sign is looked for
-ASIDE = math.sqrt(ROUNDING)  # of a cell: samples lie so far inside; facets have no known sign
 
 
 class Interface:
@@ -62,6 +52,11 @@ class Interface:
     def sides(self) -> dict[float, "_Side"]:
         """For either sign what makes trees of formulas those of their values on this side."""
         return {side: _Side(self.node, side) for side in (1.0, -1.0)}
+
+    def jump(self, root: Node, x: Array) -> Array:
+        """Return the values of a tree next to points, on the positive side less on the other."""
+        above, below = together([side(root) for side in self.sides.values()], x)
+        return above - below
 
     def zeros(self, start: Array, end: Array) -> Array:
         """Return where segments cross the interface, as shares of their lengths.
@@ -193,8 +188,8 @@ def middles(dimension: int) -> Array:
 @functools.cache
 def inner_lattice(dimension: int) -> Array:
     """Return points everywhere in the reference simplex, and not on its boundary."""
-    lattice = equispaced(dimension, SAMPLES)
-    return np.asarray(lattice + ASIDE * (lattice.mean(axis=0) - lattice))
+    lattice = equispaced(dimension, SAMPLES)  # facets have no known sign
+    return np.asarray(lattice + SIX_DIGITS * (lattice.mean(axis=0) - lattice))
 
 
 @functools.lru_cache
@@ -203,51 +198,30 @@ def interfaces(*formulas: Formula) -> list[Interface]:
     return [Interface(node) for node in switches(*formulas)]
 
 
-class OneSided:
-    """The values of formulas next to points of an interface, on one of its sides:
-
-        jump = OneSided(interface, x, 1.0)(load.root) - OneSided(interface, x, -1.0)(load.root)
-
-    Args:
-        interface: The interface.
-        x: The points, shape (points, dimension).
-        side: The sign of the function on the side.
-    """
-
-    def __init__(self, interface: Interface, x: Array, side: float):
-        self.x, self.trees = x, interface.sides[side]
-
-    def __call__(self, root: Node) -> Array:
-        """Return the values of a tree at the points."""
-        return evaluated(self.trees(root), self.x)
-
-
 class _Side(PerNode[Node]):
     """The nodes of formulas with the branches that are chosen on a side of the zeros of a node."""
 
     def __init__(self, node: Node, side: float):
         super().__init__()
-        self.side, self.names = number(side).root, Names()
-        self.name = self.names[node]
+        self.node, self.side = node, Node("number", value=side)
 
     def find(self, node: Node) -> Node:
         margin = node.switch
-        if margin is None or self.name not in [self.names[a] for a in factors(margin, True)]:
-            parts = tuple(map(self, node.args))
-            return node if parts == node.args else Node(node.op, parts, node.value)
+        if margin is None or self.node not in factors(margin, True):
+            return Node(node.op, tuple(map(self, node.args)), node.value)
         sign = self._sign(margin)
         if sign.op == "number":
             return self(node.chosen(sign.value > 0.0))
         both = self(node.chosen(True)), self(node.chosen(False))
-        return Node("where", (sign > number(0.0).root, *both))
+        return Node("where", (sign > ZERO, *both))
 
     def _sign(self, node: Node) -> Node:
         """The sign of a product that the function is a factor of."""
-        if self.names[node] == self.name:
+        if node is self.node:
             return self.side
         if node.op in ("*", "/"):
             return self._sign(node.args[0]) * self._sign(node.args[1])
         if node.args and node.operation.vanishes == "with" and not is_even(node):
             sign = self._sign(node.args[0])
             return -sign if node.op == "negative" else sign
-        return self(node).made("sign", self(node))
+        return Node.made("sign", self(node))

@@ -36,11 +36,7 @@ from dolfinx_signorini.data.interfaces.pieces import (
 from dolfinx_signorini.data.interfaces.singular_sets import NEAR_POLE, is_singular, jumps, poles
 from dolfinx_signorini.meshes.elements import constants
 from dolfinx_signorini.meshes.quadrature import MANY, QuadratureRule, interior_rule
-from dolfinx_signorini.meshes.sided_meshes import (
-    cell_corners,
-    longest_side,
-    sampled,
-)
+from dolfinx_signorini.meshes.sided_meshes import cell_corners, longest_side, sampled
 
 WIDTH = 5e-4  # of the domain: pieces that are not smooth are made smaller than that
 MOST_AT_POLES = 3000  # the same: poles along lines have more pieces
@@ -237,15 +233,14 @@ class _Cells:
 
         Of a cell the median of the values at the vertices is taken, for one may be at a pole.
         """
-        return [self._mean(formula) for formula in self.formulas]
-
-    def _mean(self, formula: Formula) -> float:
         some = sampled(len(self.whole), max(1, len(self.whole) // MANY))
-        values = evaluated(formula.root, self.whole[some][..., self.dimension :])
-        medians = np.median(np.abs(values), axis=1)
-        sizes = medians[np.isfinite(medians)]
-        total, count = np.sum(self.comm.allgather((sizes.sum(), sizes.size)), axis=0)
-        return float(total / max(count, 1.0))
+        result, corners = [], self.whole[some][..., self.dimension :]
+        for formula in self.formulas:
+            medians = np.median(np.abs(evaluated(formula.root, corners)), axis=1)
+            sizes = medians[np.isfinite(medians)]
+            total, count = np.sum(self.comm.allgather((sizes.sum(), sizes.size)), axis=0)
+            result.append(float(total / max(count, 1.0)))
+        return result
 
     def _settled(self, pieces: Array, owners: Indices, polar: Mask, curved: Mask) -> Mask:
         """Whether pieces are next to poles in cells whose integrals no division changes any more.

@@ -74,26 +74,21 @@ def _of_values(reading: Reading, place: Place, domain: mesh.Mesh, in_cells: bool
     """A summand without derivatives: factors of components of v, and of the normal, or of u v."""
     v, *others = reading.form.arguments()
     size = v.ufl_shape[0] if v.ufl_shape else 1
-    x, n = ufl.SpatialCoordinate(domain), ufl.FacetNormal(domain)
-    has_normals = reading.has_normals(place)
+    has_normals, n = reading.has_normals(place), ufl.FacetNormal(domain)
     if has_normals and not reading.is_linear_in_normals(place):
         return None
     normals = range(domain.geometry.dim if has_normals else 1)
-    every = list(product(normals, range(size)))
-    read = [reading.formula(place, [c] * (1 + len(others)), k) for k, c in every]
-    factors = [factor for factor in read if factor is not None]
-    if len(factors) < len(read) or not any(map(is_singular, factors)):
-        return None
     if any(_has_slopes(reading, place, k) for k in normals):
         return None
+    every = list(product(normals, range(size)))
+    factors = [reading.formula(place, [c] * (1 + len(others)), k) for k, c in every]
     degree = (1 + len(others)) * v.ufl_function_space().element.basix_element.degree
-    parts = [_projected(factor, domain, degree, in_cells and not has_normals) for factor in factors]
-    if all(part is None for part in parts):
+    parts = _projected(factors, domain, degree, in_cells and not has_normals)
+    if parts is None:
         return None
     total: Expr = ufl.as_ufl(0.0)
-    for (k, c), part, factor in zip(every, parts, factors, strict=True):
-        value = factor.ufl(x) if part is None else part
-        value = value * n[k] if has_normals else value
+    for (k, c), part in zip(every, parts, strict=True):
+        value = part * n[k] if has_normals else part
         total += reduce(lambda a, b: a * b, others, value * (v[c] if v.ufl_shape else v))
     return total
 
@@ -105,17 +100,11 @@ def _of_slopes(reading: Reading, place: Place, domain: mesh.Mesh) -> Expr | None
     if reaction is None or reaction.constant != 0.0:
         return None
     slopes = range(1, dimension + 1)
-    read = [reading.formula(place, [a, b]) for a in slopes for b in slopes]
-    entries = [entry for entry in read if entry is not None]
-    if len(entries) < dimension**2 or not any(map(is_singular, entries)):
-        return None
+    entries = [reading.formula(place, [a, b]) for a in slopes for b in slopes]
     degree = 2 * (v.ufl_function_space().element.basix_element.degree - 1)
-    parts = [_projected(entry, domain, degree, True) for entry in entries]
-    if all(part is None for part in parts):
+    flat = _projected(entries, domain, degree, True)
+    if flat is None:
         return None
-    x = ufl.SpatialCoordinate(domain)
-    both = zip(parts, entries, strict=True)
-    flat = [entry.ufl(x) if part is None else part for part, entry in both]
     A = ufl.as_matrix([flat[dimension * i : dimension * (i + 1)] for i in range(dimension)])
     return ufl.inner(ufl.dot(A, ufl.grad(u)), ufl.grad(v))
 
@@ -133,15 +122,23 @@ def _has_slopes(reading: Reading, place: Place, normal: int) -> bool:
     return False
 
 
-def _projected(formula: Formula, domain: mesh.Mesh, degree: int, in_cells: bool) -> Expr | None:
-    """A formula as an expression that is integrated well; None where nothing is to be changed."""
-    if not is_singular(formula):
+def _projected(
+    read: Sequence[Formula | None], domain: mesh.Mesh, degree: int, in_cells: bool
+) -> list[Expr] | None:
+    """Formulas as expressions that are integrated well.
+
+    None where one of them is unreadable, or nothing is to be changed.
+    """
+    formulas = [formula for formula in read if formula is not None]
+    if len(formulas) < len(read) or not any(map(is_singular, formulas)):
         return None
     if in_cells:
-        found = integrable(formula, domain, degree)
+        found = [integrable(formula, domain, degree) for formula in formulas]
     else:
-        found = integrable_on_facets(formula, domain, boundary_facets(domain), degree)
-    return None if found == formula.ufl(ufl.SpatialCoordinate(domain)) else found
+        on = boundary_facets(domain)
+        found = [integrable_on_facets(formula, domain, on, degree) for formula in formulas]
+    x = ufl.SpatialCoordinate(domain)
+    return None if found == [formula.ufl(x) for formula in formulas] else found
 
 
 def _rule(

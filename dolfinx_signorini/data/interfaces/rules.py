@@ -77,12 +77,9 @@ def measure_for(
     many = domain.topology.index_map(domain.topology.dim).size_global > MANY
     if needed > CELL_RULE.degree or not many:
         return _dx(domain, cell_rule(domain, needed))
-    middles, nodes = _places(domain)
-    rough = np.zeros(len(middles), dtype=bool)
-    for formula, known_degree in zip(formulas, degrees, strict=True):
-        if known_degree is None or known_degree > 1:
-            rough |= _rough(domain, *(evaluated(formula.root, x) for x in (middles, nodes)))
-    return _split(domain, rough, degree)
+    both = zip(formulas, degrees, strict=True)
+    curved = [formula for formula, own in both if own is None or own > 1]
+    return _split(domain, _rough(domain, curved), degree)
 
 
 def cell_rule(domain: mesh.Mesh, degree: int) -> QuadratureRule:
@@ -95,28 +92,24 @@ def facet_rule(domain: mesh.Mesh) -> QuadratureRule:
     return FACET_RULE if domain.topology.dim == 2 else CELL_RULE
 
 
-def _places(domain: mesh.Mesh) -> tuple[Array, Array]:
-    """The middles of the owned cells, and all nodes of this rank."""
+def _rough(domain: mesh.Mesh, formulas: Sequence[Formula]) -> Mask:
+    """In which of the owned cells one of some formulas is not nearly linear."""
     x = np.asarray(domain.geometry.x[:, : domain.geometry.dim], dtype=np.float64)
-    nodes = domain.geometry.dofmap[: len(owned_cells(domain))]
-    middles = sum(x[corner] for corner in nodes.T) / nodes.shape[1]
-    return np.asarray(middles), x
+    corners = domain.geometry.dofmap[: len(owned_cells(domain))].T
 
+    def means(values: Array) -> Array:
+        return np.asarray(sum(values[corner] for corner in corners) / len(corners))
 
-def _rough(domain: mesh.Mesh, middles: Array, nodes: Array) -> Mask:
-    """Whether a function is not nearly linear in each of the owned cells.
-
-    Args:
-        domain: The mesh.
-        middles, nodes: The values of the function in the middles of the cells, and at all nodes.
-    """
-    corners = domain.geometry.dofmap[: len(middles)].T
-    finite = np.abs(middles[np.isfinite(middles)])
-    total, count = np.sum(domain.comm.allgather((finite.sum(), len(finite))), axis=0)
-    floor = ROUGH * float(total / max(count, 1.0))  # smaller deviations never matter
-    with np.errstate(invalid="ignore"):
-        deviation = np.abs(middles - sum(nodes[corner] for corner in corners) / len(corners))
-        return np.asarray(~(deviation <= ROUGH * np.abs(middles) + floor))
+    middles = means(x)
+    result = np.zeros(len(middles), dtype=bool)
+    for formula in formulas:
+        values, nodal = evaluated(formula.root, middles), evaluated(formula.root, x)
+        finite = np.abs(values[np.isfinite(values)])
+        total, count = np.sum(domain.comm.allgather((finite.sum(), len(finite))), axis=0)
+        floor = ROUGH * float(total / max(count, 1.0))  # smaller deviations never matter
+        with np.errstate(invalid="ignore"):
+            result |= ~(np.abs(values - means(nodal)) <= ROUGH * np.abs(values) + floor)
+    return result
 
 
 def _split(domain: mesh.Mesh, rough: Mask, degree: int) -> CellMeasure:

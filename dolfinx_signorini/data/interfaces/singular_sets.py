@@ -1,7 +1,6 @@
 """Singular sets of formulas: the zeros of what switches between branches, and of denominators."""
 
 from dolfinx_signorini.data.formulas import Formula, Node, nodes
-from dolfinx_signorini.data.names import Names
 
 NEAR_POLE = 0.5  # of the largest size of a denominator in a piece: smaller ones tell a pole
 
@@ -22,13 +21,9 @@ def switches(*formulas: Formula) -> list[Node]:
     A product changes its sign where one of its factors does: the parts are factors. Parts that are
     equal are named once. What is inside of another part comes after that part.
     """
-    names, found = Names(), dict[int, Node]()
-    for margin in margins(*formulas):
-        for part in factors(margin, signs=True):
-            if not is_even(part):
-                found.pop(names[part], None)
-                found[names[part]] = part
-    return list(found.values())
+    found = [part for margin in margins(*formulas) for part in factors(margin, signs=True)]
+    odd = [part for part in found if not is_even(part)]
+    return list(dict.fromkeys(odd[::-1]))[::-1]
 
 
 def margins(*formulas: Formula) -> list[Node]:
@@ -43,16 +38,13 @@ def poles(formula: Formula) -> list[Node]:
     These are factors of denominators, of arguments of logarithms, and of bases of negative powers:
     r^-0.8 with r = hypot(x, y), for example, has the part r.
     """
-    names, found = Names(), dict[int, Node]()
+    found = []
     for node in nodes(formula.root):
-        base = None
         if node.op == "/":
-            base = node.args[1]
+            found += factors(node.args[1])
         elif node.op == "log" or (node.op == "^" and node.args[1].value < 0.0):
-            base = node.args[0]
-        for factor in factors(base) if base is not None else []:
-            found.setdefault(names[factor], factor)
-    return list(found.values())
+            found += factors(node.args[0])
+    return list(dict.fromkeys(found))
 
 
 def factors(node: Node, signs: bool = False) -> list[Node]:

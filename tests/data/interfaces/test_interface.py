@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from dolfinx_signorini.data.derivatives import Derivative
-from dolfinx_signorini.data.interfaces.interface import OneSided, interfaces
+from dolfinx_signorini.data.formulas import evaluated
+from dolfinx_signorini.data.interfaces.interface import interfaces
 from dolfinx_signorini.data.interfaces.pieces import subdivide
 from dolfinx_signorini.data.parsing import parse
 
@@ -64,9 +65,10 @@ def test_data_on_both_sides_are_the_chosen_branches(text):
         (-way, np.sin(0.5) * x[:, 1], np.cos(0.5) * x[:, 1]),
         (way, 3.25 + 0.0 * x[:, 1], 1.0 + 0.0 * x[:, 1]),
     ):
-        values = OneSided(own, x, side)
-        assert values(formula.root) == pytest.approx(wanted, rel=1e-12)
-        assert values(Derivative(0)(formula.root)) == pytest.approx(slope, rel=1e-12)
+        of_side = own.sides[side]
+        assert evaluated(of_side(formula.root), x) == pytest.approx(wanted, rel=1e-12)
+        along_x = of_side(Derivative(0)(formula.root))
+        assert evaluated(along_x, x) == pytest.approx(slope, rel=1e-12)
 
 
 def test_subdivision_finds_the_area_of_a_disc_and_stops_at_its_limits():
