@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+import ufl
+from dolfinx import mesh
 from mpi4py import MPI
 
+import dolfinx_signorini as ds
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.pictures.contact_boundary import (
     CLEAR,
@@ -48,6 +51,42 @@ def test_areas_of_triangles():
     assert surface.sizes == pytest.approx([1.0, 1.5])
     assert surface.in_contact.tolist() == [True, False]
     assert surface.undecided.tolist() == [False, False]
+
+
+def posed(degree, size, length, comm):
+    """A body, or a membrane for size 1, on a bump; the vector to the obstacle has a length."""
+    domain = friedrichs_keller(comm, 8)
+    sides = [
+        mesh.locate_entities_boundary(domain, 1, lambda x, y=y: np.isclose(x[1], y)) for y in (0, 1)
+    ]
+    space = ds.bernstein_space(domain, degree, (size,) if size > 1 else ())
+    u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
+    bump = 0.02 + 0.5 * (x[0] - 0.4) ** 2
+    if size == 1:
+        top = ds.dirichlet(space, sides[1], 0.0)
+        a, L = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx, -v * ufl.dx
+        return ds.SignoriniProblem(a, L, contact=sides[0], obstacle=-bump, bcs=[top])
+    a, L = ds.elasticity(u, v, young=2.0, poisson=0.3), -v[1] * ufl.dx
+    known = {"contact": sides[0], "gap": length * bump, "direction": (0.0, -length)}
+    bcs = [ds.dirichlet(space, sides[1], 0.0, k) for k in range(size)]
+    return ds.ContactProblem(a, L, **known, bcs=bcs)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3, 4])
+@pytest.mark.parametrize("size, length", [(1, 1.0), (2, 1.0), (2, 0.01), (2, 30.0)])
+def test_points_in_contact_have_no_gap_and_the_gap_is_what_u_leaves(degree, size, length):
+    problem = posed(degree, size, length, COMM)
+    problem.solve(rtol=1e-10)
+    found = gather_contact_boundary(problem.along_direction)
+    some = COMM.allreduce(len(problem.active))
+    problem.destroy()
+    if found is None:
+        return
+    u, gap, _ = found.values.T
+    assert 0 < found.touching.sum() < len(gap) and some
+    assert gap[found.touching].max() <= 1e-6 * gap.max() < gap[~found.touching].max()
+    bump = length * (0.02 + 0.5 * (found.points[:, 0] - 0.4) ** 2)
+    assert gap + (u if size > 1 else -u) == pytest.approx(bump, abs=1e-9)
 
 
 @pytest.mark.parametrize("n", [20, 41])

@@ -344,6 +344,10 @@ def test_the_fields_of_both_zones(folder):
     )
     assert (fields["pressure"][below, 2] * fields["boundary_pressure"][below, 2] == 0.0).all()
     assert fields["boundary_gap"][~below, 2].max() == 0.0
+    for name, zone in zip(("", "boundary_"), problem.zones, strict=True):
+        assert fields[f"{name}gap"][:, 2] == pytest.approx(by_place(zone.gap)[:, 2])
+        at = fields[f"{name}in_contact"][:, 2] == 1.0
+        assert at.any() and fields[f"{name}gap"][at, 2].max() == 0.0
     result.destroy()
 
 
