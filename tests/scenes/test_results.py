@@ -106,8 +106,11 @@ def test_csv_and_record_fit_together(run):
     known = np.isfinite(pressure)
     assert np.count_nonzero(~known) == 0  # the Dirichlet data are away from the obstacle
     assert pressure[known].min() >= 0.0
-    assert np.abs(pressure[known & ~touching]).max() <= 1e-6 * np.nanmax(pressure)
-    assert touching.any() and not touching.all()
+    assert touching.any() and not touching.all() and gap[touching].max() <= 1e-9
+    # Values have shares of all coefficients of a facet, of which some may be in contact.
+    places = np.array([[float(row["x"]), float(row["y"])] for row in rows])
+    apart = np.linalg.norm(places[:, None] - places[touching], axis=2).min(axis=1) > 0.51 / 12
+    assert apart.any() and np.abs(pressure[apart]).max() <= 1e-6 * np.nanmax(pressure)
     forces = record["summary"]["forces"]
     assert forces["load"] == pytest.approx(4.5)
     assert forces["contact"] < 0.0 and forces["Dirichlet sides"] < 0.0
