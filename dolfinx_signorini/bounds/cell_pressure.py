@@ -142,13 +142,18 @@ def _pulled(data: CellData, moments: Array, ends: Mask) -> Mask:
 def _carried(
     solved: Solved, scales: CellScales, data: CellData, moments: Array, ends: Mask
 ) -> tuple[Array, str]:
-    """The moments that carry away what is left in cells without a pressure; or why not."""
+    """The moments that carry away what is left in cells without a pressure; or why not.
+
+    The divergence of a strong reaction is free, and what such a cell leaves is not carried away.
+    """
     comm, exits = solved.comm, data.kinds == DIRICHLET
-    moments, ends = moments.copy(), ends | (data.sides != 0)
-    wanted = np.where(ends, 0.0, -_defects(data, moments))
+    sinks = np.where(ends, scales.least_reaction * scales.volumes, 0.0)
+    sinks[data.sides != 0] = np.inf
+    moments, settled = moments.copy(), (data.strength > 0.0) | (data.sides != 0)
+    wanted = np.where(settled, 0.0, -_defects(data, moments))
     if not anywhere(comm, wanted != 0.0):
         return moments, ""
-    if not anywhere(comm, ends.any() or exits.any()):
+    if not anywhere(comm, (sinks > 0.0).any() or exits.any()):
         contact = data.kinds >= OPEN
         force = comm.allreduce(float(moments[contact, 0].sum()))
         factor = 1.0 + comm.allreduce(float(wanted.sum())) / (force or np.inf)
@@ -156,7 +161,7 @@ def _carried(
             return moments, "the contact flux is too small to take up the residual"
         moments[contact] *= factor
         wanted, first = -_defects(data, moments), np.flatnonzero(comm.allgather(len(ends)))[0]
-        ends[:1] = comm.rank == first  # the sum is 0 now
-    change, found = transported(comm, solved.frames, scales.lowest, wanted, exits, ends)
+        sinks[:1] = np.where(comm.rank == first, np.inf, 0.0)  # the sum is 0 now
+    change, found = transported(comm, solved.frames, scales.lowest, wanted, exits, sinks)
     moments[:, :, 0] += change
     return moments, "" if found else "a residual has no way out of a part without a reaction"

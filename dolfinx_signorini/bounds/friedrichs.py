@@ -76,8 +76,8 @@ def _by_a_field(
     comm: MPI.Comm, frames: Frames, exits: Mask, ends: Mask, lowest: Array, reaction: Array
 ) -> float:
     """The constant by a field of divergence 1, but on the ends, where e^2 div y is left."""
-    wanted = np.where(ends, 0.0, frames.volumes)
-    fluxes, found = transported(comm, frames, lowest, wanted, exits, ends)
+    wanted, sinks = np.where(ends, 0.0, frames.volumes), np.where(ends, np.inf, 0.0)
+    fluxes, found = transported(comm, frames, lowest, wanted, exits, sinks)
     if not found:
         return math.inf
     sums = fluxes.sum(axis=1)

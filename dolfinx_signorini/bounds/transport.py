@@ -1,10 +1,10 @@
-"""Fluxes that carry sources left in cells through the mesh, where the cells have no reaction.
+"""Fluxes that carry sources left in cells through the mesh, as far as no reaction takes them up.
 
-Algebraic errors and the quadrature of the discrete problem leave a source in some cells. Without a
-reaction in a cell, the source flows to a facet with Dirichlet data, a cell with a reaction, or a
-contact facet with a flux large enough: as the flux of a potential with one value in each cell,
-whose energy is about the least one. The flux is in H(div), so that no constant of Friedrichs is
-needed.
+Algebraic errors and the quadrature of the discrete problem leave a source in some cells. The source
+flows to a facet with Dirichlet data, to cells with a reaction, or to a contact facet with a flux
+large enough: as the flux of a potential with one value in each cell, whose energy, with that of
+what the reactions take up, is about the least one. The flux is in H(div), so that no constant of
+Friedrichs is needed.
 
 Source: Papez, Ruede, Vohralik and Wohlmuth, Comput. Methods Appl. Mech. Engrg. 371 (2020) 113243,
 Section 5, carry algebraic errors on a hierarchy of meshes; Eymard, Gallouet and Herbin, Handbook of
@@ -26,9 +26,9 @@ ROUNDS = 4  # of the solver, each of which gains five digits
 
 
 def transported(
-    comm: MPI.Comm, frames: Frames, lowest: Array, wanted: Array, exits: Mask, ends: Mask
+    comm: MPI.Comm, frames: Frames, lowest: Array, wanted: Array, exits: Mask, sinks: Array
 ) -> tuple[Array, bool]:
-    """Return outward fluxes of cells with given sums, nowhere much larger than need be.
+    """Return outward fluxes of cells with given sums, but for what the cells take up.
 
     Args:
         comm: The communicator; the call is collective.
@@ -36,28 +36,28 @@ def transported(
         lowest: The smallest eigenvalue of the diffusion on each cell.
         wanted: The sum of the fluxes of each cell.
         exits: Boundary facets with any flux, shape (cells, d + 1).
-        ends: Cells whose fluxes may have any sum.
+        sinks: What each cell takes up for a potential of 1; infinite where that is anything.
 
     Returns:
         The fluxes, shape (cells, d + 1), and whether every cell has a way to an exit or end.
     """
     # Of the way from the middle of a cell to the facet.
     ease = frames.facet_sizes**2 * (lowest / frames.volumes)[:, None]
-    parts = comm.gather((frames.facets, wanted, exits, ends, ease))
+    parts = comm.gather((frames.facets, wanted, exits, sinks, ease))
     answers = None
     if parts is not None:
         sizes = np.cumsum([len(part[0]) for part in parts])[:-1]
-        facets, wanted, exits, ends, ease = map(np.concatenate, zip(*parts, strict=True))
-        fluxes, found = _by_potential(facets, wanted, exits, ends, ease)
+        facets, wanted, exits, sinks, ease = map(np.concatenate, zip(*parts, strict=True))
+        fluxes, found = _by_potential(facets, wanted, exits, sinks, ease)
         answers = [(part, found) for part in np.split(fluxes, sizes)]
     answer: tuple[Array, bool] = comm.scatter(answers)
     return answer
 
 
 def _by_potential(
-    facets: Indices, wanted: Array, exits: Mask, ends: Mask, ease: Array
+    facets: Indices, wanted: Array, exits: Mask, sinks: Array, ease: Array
 ) -> tuple[Array, bool]:
-    """Fluxes of a potential that is 0 in the ends and outside of the exits, see `transported`."""
+    """Fluxes of a potential that is 0 in infinite sinks and outside of exits, see `transported`."""
     count, columns = facets.shape
     order = np.argsort(facets.ravel(), kind="stable")
     numbers, flat = facets.ravel()[order], ease.ravel()
@@ -68,19 +68,23 @@ def _by_potential(
     weight[exits.ravel()] = flat[exits.ravel()]
     matrix = sp.coo_matrix((-weight[one], (one // columns, other // columns)), (count, count))
     matrix = (matrix + matrix.T + sp.diags(weight.reshape(facets.shape).sum(axis=1))).tocsr()
-    inner, fluxes = np.flatnonzero(~ends), np.zeros(facets.shape)
+    ends = np.isinf(sinks)
+    inner, fluxes, taken = np.flatnonzero(~ends), np.zeros(facets.shape), np.zeros(count)
     parts, part = connected_components(matrix[inner][:, inner])
-    out = exits.any(axis=1) | (matrix @ ends.astype(np.float64) < 0.0)
+    out = exits.any(axis=1) | (matrix @ ends.astype(np.float64) < 0.0) | (sinks > 0.0)
+    finite = np.where(ends, 0.0, sinks)
+    matrix = (matrix + sp.diags(finite)).tocsr()
     if (np.bincount(part, out[inner], parts) == 0.0).any():
         return fluxes, False
     for _ in range(ROUNDS):
-        potential, left = np.zeros(count), wanted - fluxes.sum(axis=1)
+        potential, left = np.zeros(count), wanted - fluxes.sum(axis=1) - taken
         potential[inner] = _solution(matrix[inner][:, inner], left[inner])
         change = weight * np.repeat(potential, columns)
         change[one] -= weight[one] * potential[other // columns]
         change[other] -= weight[other] * potential[one // columns]
         fluxes += change.reshape(facets.shape)
-    left = np.abs((wanted - fluxes.sum(axis=1))[inner])
+        taken += finite * potential
+    left = np.abs((wanted - fluxes.sum(axis=1) - taken)[inner])
     return fluxes, bool(left.max(initial=0.0) <= SOLVED * np.abs(wanted).max(initial=0.0))
 
 

@@ -119,6 +119,19 @@ def test_a_problem_that_is_hardly_solved(name, degree, comm):
     checked(case, 5.0)
 
 
+@pytest.mark.parametrize("c", [0.3, 3.0, 30.0])
+def test_a_flux_carries_what_iterations_leave_where_that_is_cheaper_than_a_reaction(c, comm):
+    domain = square(comm, 64)
+    u = detaching(ufl.SpatialCoordinate(domain))
+    tight, loose = (Case(domain, u, 1, c=c, fixed=top, rtol=rtol) for rtol in (1e-10, 1e-3))
+    between = loose.problem.u - tight.problem.u
+    energy = (ufl.inner(ufl.grad(between), ufl.grad(between)) + c * between**2) * ufl.dx
+    apart = math.sqrt(comm.allreduce(fem.assemble_scalar(fem.form(energy))))
+    found = [energy_bound(case.problem, case.terms).total for case in (tight, loose)]
+    assert tight.error() <= found[0] <= 1.2 * tight.error()
+    assert loose.error() <= found[1] <= 1.1 * math.hypot(found[0], apart)
+
+
 @pytest.mark.parametrize("c", [0.0, 1.0])
 def test_algebraic_errors_pay_for_no_gap(c, comm):
     """Forces at vertices above the obstacle times gaps are roots of small numbers: 1e-4 of 1e-8."""
