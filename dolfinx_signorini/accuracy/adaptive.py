@@ -38,7 +38,8 @@ from dolfinx_signorini.data.sampling import Datum
 from dolfinx_signorini.meshes.curved_sides import CurvedSides, Projection, arcs
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.norms.pointwise import Quantity
-from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
+from dolfinx_signorini.problem.bound_constrained import DEFAULT_RTOL, BoundConstrainedProblem
+from dolfinx_signorini.solvers.cascade import checked_tolerance
 
 POLYGON = "the polygon is taken as the domain"
 BENDS = (
@@ -129,6 +130,7 @@ def solve_adaptively(
     accuracy: float | None = None,
     budget: float | None = None,
     max_unknowns: int = MAX_UNKNOWNS,
+    rtol: float | None = None,
     on_step: Callable[[Step], None] = lambda step: None,
     geometry: Mapping[str, Projection | None] | None = None,
     read_data: bool = True,
@@ -151,6 +153,8 @@ def solve_adaptively(
         accuracy: The largest error allowed, in the unit of the norm.
         budget: The wall-clock seconds of the whole loop; at least two meshes are solved on.
         max_unknowns: The limit on the dofs of a mesh; a mesh with more is not solved on.
+        rtol: The natural residual of the solves, relative to the data, at most; by default solves
+            stop where the estimated error hides what they leave.
         on_step: Is told of each step when the step has been done.
         geometry: For curved sides the projection onto the curve or surface, a function of points,
             shape (3, points), that returns the nearest points of the curve; "all" stands for the
@@ -183,7 +187,9 @@ def solve_adaptively(
         geometry=(geometry, optional(by_text)),
         read_data=(read_data, TRUTH),
     )
-    request = Request(target(norm, of), accuracy, budget, max_unknowns)
+    if rtol is not None:
+        rtol = checked_tolerance(rtol, DEFAULT_RTOL)
+    request = Request(target(norm, of), accuracy, budget, max_unknowns, rtol)
     poses = dict(pose) if isinstance(pose, Mapping) else {0: pose}
     began = time.perf_counter()
     curves = CurvedSides(geometry or {})

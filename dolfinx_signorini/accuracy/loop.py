@@ -115,7 +115,7 @@ class Loop:
         self.steps: list[Step] = []
         self.notes: list[str] = []
         self.rounded, self.early, self.stopped = False, True, ""
-        self.keywords: dict[str, Any] = {}
+        self.keywords: dict[str, Any] = {} if request.rtol is None else {"rtol": request.rtol}
 
     def run(self) -> None:
         """Solve, solve on the divided mesh, estimate, mark and refine until the loop ends.
@@ -172,7 +172,8 @@ class Loop:
                 break
             except NotConvergedError:
                 rtol = 10.0 * keywords.get("rtol", DEFAULT_RTOL)
-                if rtol > SOLVED or self._cascade.problem is None:
+                most = self.request.rtol or SOLVED
+                if rtol > most or self._cascade.problem is None:
                     raise
                 keywords = {"rtol": rtol}
                 solve = functools.partial(self._cascade.problem.solve, coarse=self._cascade.coarse)
@@ -262,9 +263,10 @@ class Loop:
             # The stop of a solve by default looks at values, and neither at derivatives nor at a
             # functional in which the errors of the elements cancel.
             self.early &= share == 1.0 and self.estimator.found.algebra <= SHARE * estimate
-            free = self.early and rtol >= DEFAULT_RTOL
+            free = self.early and rtol >= DEFAULT_RTOL and self.request.rtol is None
             # Half of the share: no estimate of a norm has what a solve leaves.
-            rtol = min(max(0.5 * rtol, tolerances.ROUNDING), DEFAULT_RTOL)
+            most = DEFAULT_RTOL if self.request.rtol is None else self.request.rtol
+            rtol = min(max(0.5 * rtol, tolerances.ROUNDING), most)
             self.keywords = {} if free else {"rtol": rtol}
         seconds = self.comm.bcast(time.perf_counter() - self.began)
         step = Step(self.problem.unknowns, estimate, seconds)

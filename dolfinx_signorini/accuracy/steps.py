@@ -73,9 +73,11 @@ class Request:
         accuracy: The largest error allowed; None for no such limit.
         budget: The seconds that may be spent; None for no such limit.
         max_unknowns: The limit on the dofs of a mesh.
+        rtol: The natural residual of solves, relative to the data, at most; None for no such limit.
     """
 
     target: Target
     accuracy: float | None = None
     budget: float | None = None
     max_unknowns: int = MAX_UNKNOWNS
+    rtol: float | None = None

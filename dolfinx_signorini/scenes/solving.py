@@ -193,7 +193,7 @@ def solve_scene(
     if accuracy is None and budget is None:
         return _solve_on_its_mesh(scene, comm, phases)
     degrees = _degrees(scene) if degree is None else (degree,)
-    request = Request(wanted, accuracy, budget, max_unknowns)
+    request = Request(wanted, accuracy, budget, max_unknowns, scene.rtol)
     return _solve_on_adapted_meshes(scene, comm, phases, degrees, request, on_step)
 
 

@@ -31,6 +31,14 @@ manufactured = true
 """
 
 
+@pytest.mark.parametrize("rtol", [1e-6, 1e-10])
+def test_the_residual_of_a_scene_holds_with_an_accuracy_too(rtol, comm, parse):
+    text = DETACHING.format(bound="lower", sign="-")
+    result = solve_scene(parse(f"rtol = {rtol}\n{text}"), comm, norm="L2", accuracy=1e-4)
+    assert result.found.reached and 0.0 < result.solve.natural_residual <= rtol
+    result.destroy()
+
+
 @pytest.mark.parametrize(("bound", "sign"), [("lower", "-"), ("upper", "")])
 def test_a_scene_reaches_the_accuracy_of_its_file(comm, parse, bound, sign):
     result = solve_scene(parse(DETACHING.format(bound=bound, sign=sign)), comm)
