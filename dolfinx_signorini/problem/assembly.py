@@ -307,7 +307,11 @@ class Assembly:
         doubtful = kept is None and not is_sum_of_squares(self._forms[0])
         if doubtful:
             checks.check_symmetry(A)
-        loose, free = self._loose(A, diagonal) if kept is None else (kept.loose, kept.free)
+        if kept is None:
+            loose, free = self._loose(A, diagonal)
+            shares = held.shares_of(free, self.layout)
+        else:
+            loose, free, shares = kept.loose, kept.free, kept.shares
         before = 0 if old is None else old.assembled
         made = System(
             layout=self.layout,
@@ -318,6 +322,7 @@ class Assembly:
             fixed_values=bounds[1],
             loose=loose,
             free=free,
+            shares=shares,
             assembled=before + (kept is None),
         )
         checks.check_range(made, diagonal, [each for _, each in self._given])

@@ -459,7 +459,7 @@ class BoundConstrainedProblem(OnContact):
         try:
             if not isinstance(load, fem.Function):
                 check_free(linear)
-            b.array_w[:] -= system.free @ self.comm.allreduce(b.array_r @ system.free)
+            b.array_w[:] -= system.shares @ self.comm.allreduce(b.array_r @ system.free)
             self._solver.linear.solve(linear, x, held, rtol * b.norm())
             z = fem.Function(self.space)
             system.fill(z, x)

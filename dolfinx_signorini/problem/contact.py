@@ -65,7 +65,7 @@ class ContactProblem(BoundConstrainedProblem):
             refused, but held by springs. The load must do no work on the motion, so that the body
             rests wherever the motion takes the body. The springs are as many as these motions, at
             dofs that tell the motions apart, and carry no force: the solution is one of the problem
-            without springs, the one in which the motions have no share, in the mean over the nodes.
+            without springs, the one in which the motions have no share, in the mean over the body.
         u: The function to be filled with the solution; a new one by default.
         petsc_options_prefix: The prefix of PETSc options; a prefix of its own by default.
         petsc_options: PETSc options of the linear solver and of TAO, without prefix; CG with

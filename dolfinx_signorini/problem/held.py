@@ -18,6 +18,7 @@ in equilibrium.
 import numpy as np
 import ufl
 from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.optimize import linprog
@@ -100,6 +101,31 @@ def divided(loose: Loose, layout: Layout, weakly: bool) -> tuple[Loose, Array]:
         columns.append(own @ (vectors / np.sqrt(values)))
     none = np.empty((len(loose.rows), 0))
     return loose.combined(list(stopped)), np.concatenate([none, *columns], axis=1)
+
+
+def shares_of(free: Array, layout: Layout) -> Array:
+    """Return the weights with which values of dofs tell the nearest of some motions in L2.
+
+    What a function has of the motions does not depend on the mesh then, as it would in the mean
+    over nodes: so the functions without such a part converge when the mesh is refined.
+
+    Args:
+        free: The motions, columns; the call is collective.
+        layout: The dofs.
+    """
+    if not free.shape[1]:
+        return free
+    motion, v = fem.Function(layout.space), ufl.TestFunction(layout.space)
+    form, loads = compiled.form(ufl.inner(motion, v) * ufl.dx), []
+    for column in free.T:
+        motion.x.array[: len(column)] = layout.turned_back(column)
+        motion.x.scatter_forward()
+        vector = fem_petsc.assemble_vector(form)
+        vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        loads.append(layout.turned(vector.array_r.copy()))
+        vector.destroy()
+    weights = np.stack(loads, axis=1)
+    return weights @ np.linalg.inv(layout.space.mesh.comm.allreduce(free.T @ weights))
 
 
 def add_springs(A: PETSc.Mat, free: Array) -> None:

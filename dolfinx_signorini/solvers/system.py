@@ -185,8 +185,9 @@ class System:
         fixed_values: The Dirichlet data at the fixed dofs.
         loose: The motions on which the form vanishes, so that only contact holds them.
         free: Motions that nothing holds, and on which the load does no work: orthonormal columns,
-            shape (dofs, motions). Springs in A hold them where they carry no force, and `fill`
-            leaves the motions out.
+            shape (dofs, motions). Springs in A hold them where they carry no force.
+        shares: The weights with which the values of a function tell the motion that is nearest to
+            the function in L2, likewise; `fill` leaves this motion out.
         assembled: How often the matrix has been assembled.
     """
 
@@ -198,6 +199,7 @@ class System:
     fixed_values: Array
     loose: Loose
     free: Array
+    shares: Array
     assembled: int = 1
 
     @property
@@ -279,7 +281,7 @@ class System:
         """Set a function of the space to a vector, the reverse of `vector_of`; collective."""
         values = x.array_r
         if self.free.shape[1]:
-            values = values - self.free @ self.comm.allreduce(self.free.T @ values)
+            values = values - self.free @ self.comm.allreduce(self.shares.T @ values)
         u.x.array[: x.getLocalSize()] = self.layout.turned_back(values)
         u.x.scatter_forward()
 

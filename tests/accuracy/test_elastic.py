@@ -17,9 +17,17 @@ from dolfinx_signorini.accuracy.boundary_defects import data_between_nodes, data
 from dolfinx_signorini.accuracy.estimates import Estimator
 from dolfinx_signorini.accuracy.negative_pressure import pressure_density
 from dolfinx_signorini.accuracy.targets import target
-from dolfinx_signorini.accuracy.terms import TERMS, Solution, Solved, assembled, dual_solution
+from dolfinx_signorini.accuracy.terms import (
+    TERMS,
+    Solution,
+    Solved,
+    assembled,
+    difference,
+    dual_solution,
+)
+from dolfinx_signorini.meshes.between_meshes import interpolate_between
 from dolfinx_signorini.meshes.refinement import refined
-from dolfinx_signorini.meshes.sided_meshes import SidedMesh
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
 
 NORMS = {
     "L2": (1e-3, 1e-4), "L4": (1e-3, 1e-4), "Linf": (1e-3, 2e-4), "H1": (1e-2, 3e-3),
@@ -53,6 +61,33 @@ def test_requests_for_full_contact_on_a_slanted_side(what, degree):
     nodes = problem.comm.allreduce(len(problem.contact_nodes))
     assert problem.comm.allreduce(len(problem.active)) == nodes
     problem.destroy()
+
+
+def test_a_body_that_is_held_weakly_has_a_limit(comm):
+    """What no mesh may decide: how far the body has slid."""
+    domain = dolfinx.mesh.create_rectangle(comm, [(0.0, 0.0), (2.0, 1.0)], (8, 4))
+    floor = dolfinx.mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 0.0))
+
+    def pose(sided):
+        space = fem.functionspace(sided.mesh, ("Lagrange", 2, (2,)))
+        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        x = ufl.SpatialCoordinate(sided.mesh)
+        near = ufl.exp(-30.0 * ((x[0] - 0.3) ** 2 + (x[1] - 0.8) ** 2))
+        a, L = ds.elasticity(u, v, young=10.0, poisson=0.3), -(0.2 + 20.0 * near) * v[1] * ufl.dx
+        floor = {"contact": sided.sides["floor"], "direction": (0.0, -1.0)}
+        return ds.ContactProblem(a, L, **floor, held_weakly=True)
+
+    sided = ds.SidedMesh(domain, {"floor": floor})
+    first, second = (
+        ds.solve_adaptively(pose, sided, norm="L2", accuracy=accuracy) for accuracy in (1e-3, 1e-5)
+    )
+    fine = second.problem.u
+    coarse = fem.Function(fine.function_space)
+    interpolate_between([(first.problem.u, coarse)], owned_cells(second.sided.mesh))
+    apart = ds.error_norms(difference(fine, coarse), None, ["L2"])["L2"]
+    assert first.reached and second.reached and apart <= first.estimate
+    for found in (first, second):
+        found.problem.destroy()
 
 
 def weighted_pressure(profile, size, depth):
