@@ -38,6 +38,13 @@ def test_degrees_of_formulas(text):
     assert rules.polynomial_degree(parsing.parse(text).root) == DEGREES[text]
 
 
+def test_the_degree_of_a_power_made_by_squares_takes_no_longer_than_its_squares():
+    power = parsing.parse("x").root
+    for _ in range(60):  # each square has the one before twice
+        power = power * power
+    assert rules.polynomial_degree(power) == 2**60
+
+
 @pytest.mark.parametrize("text", ["x^3*y - 2*y^4", "where(x < 0.5, x^2, 4*y)", "x - 1"])
 @pytest.mark.parametrize("degree", [1, 2])
 def test_polynomials_are_integrated_exactly_by_few_points(text, degree, comm):

@@ -17,7 +17,7 @@ from dolfinx import mesh
 
 from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.ranks import anywhere
-from dolfinx_signorini.data.formulas import Formula, Node, evaluated
+from dolfinx_signorini.data.formulas import Formula, Node, PerNode, evaluated
 from dolfinx_signorini.data.interfaces.singular_sets import is_singular
 from dolfinx_signorini.meshes.quadrature import (
     CELL_RULE,
@@ -42,16 +42,23 @@ def polynomial_degree(node: Node) -> int | None:
     Returns:
         The degree, which may be too large where terms cancel; None for other formulas.
     """
-    if not node.args:
-        return int(node.op == "coordinate")
-    parts = [polynomial_degree(a) for a in (node.args[1:] if node.op == "where" else node.operands)]
-    known = _known(parts)
-    if node.op == "sign" or known == [0] * len(parts):
-        return 0
-    if len(known) < len(parts):
-        return None
-    degree: int | None = node.operation.degree(*known, *node.exponents)
-    return degree
+    return _Degrees()(node)
+
+
+class _Degrees(PerNode[int | None]):
+    """The degrees of the nodes of a tree, see `polynomial_degree`."""
+
+    def find(self, node: Node) -> int | None:
+        if not node.args:
+            return int(node.op == "coordinate")
+        parts = [self(a) for a in (node.args[1:] if node.op == "where" else node.operands)]
+        known = _known(parts)
+        if node.op == "sign" or known == [0] * len(parts):
+            return 0
+        if len(known) < len(parts):
+            return None
+        degree: int | None = node.operation.degree(*known, *node.exponents)
+        return degree
 
 
 def measure_for(
