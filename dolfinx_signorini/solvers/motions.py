@@ -58,28 +58,34 @@ def owned_places(nodal: fem.FunctionSpace) -> Array:
 
 
 def at_rest(system: System) -> tuple[Array, Array]:
-    """Return the rigid motion r nearest to the Dirichlet data, and the load b - A r; collective.
+    """Return a rigid motion r, and the load b - A r on a body that rests there; collective.
 
-    That is the load on a body that rests at r, 0 at the fixed dofs. b has the data times entries of
-    the matrix: a constant that is added to all data and obstacles moves nothing, but makes b
-    larger.
+    r is the motion nearest to the Dirichlet data, if that makes the load smaller, and else 0. b has
+    the data times entries of the matrix: a constant that is added to all data and obstacles moves
+    nothing, but makes b larger.
 
     Args:
         system: The system.
+
+    Returns:
+        The values of the owned dofs, and the load, 0 at the fixed dofs.
     """
-    fixed, data, load = system.fixed_dofs, system.fixed_values, system.b.array_r.copy()
-    motion = np.zeros(len(load))
-    if anywhere(system.comm, data != 0.0):
+    comm, fixed, data = system.comm, system.fixed_dofs, system.fixed_values
+    load = system.b.array_r.copy()
+    load[fixed], motion = 0.0, np.zeros(len(load))
+    if anywhere(comm, data != 0.0):
         motions = motions_of(system.layout)
         own = motions[fixed]
-        products, known = system.comm.allreduce(own.T @ own), system.comm.allreduce(own.T @ data)
-        motion = motions @ (np.linalg.pinv(products, ROUNDING, hermitian=True) @ known)
+        products, known = comm.allreduce(own.T @ own), comm.allreduce(own.T @ data)
         rest, forces = system.A.createVecs()
-        rest.array_w[:] = motion
+        rest.array_w[:] = motions @ (np.linalg.pinv(products, ROUNDING, hermitian=True) @ known)
         system.A.mult(rest, forces)
-        load -= forces.array_r
+        other = load - forces.array_r
+        other[fixed] = 0.0
+        sizes = comm.allreduce(np.array([np.abs(each).sum() for each in (other, load)]))
+        if sizes[0] < sizes[1]:
+            motion, load = rest.array_r.copy(), other
         destroy(rest, forces)
-    load[fixed] = 0.0
     return motion, load
 
 
