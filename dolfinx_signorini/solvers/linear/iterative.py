@@ -20,6 +20,7 @@ from petsc4py import PETSc
 from dolfinx_signorini.base.arrays import Mask
 from dolfinx_signorini.base.errors import INDEFINITE, InputError
 from dolfinx_signorini.base.petsc import NO_NODES, destroy
+from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.tolerances import SIX_DIGITS, TINY
 from dolfinx_signorini.solvers.linear.algebraic import amg_options
 from dolfinx_signorini.solvers.linear.multigrid import multigrid_for
@@ -111,14 +112,19 @@ class IterativeSolver(LinearSolver):
     def _begin_coarse(
         self, system: System, x: PETSc.Vec, held: Mask, multiplier: PETSc.Vec | None, stop: Stop
     ) -> None:
-        """Add the solution on the next coarser mesh to x, whose first start says nothing."""
+        """Add the solution on the next coarser mesh to x, which may say nothing at first."""
         assert self.multigrid is not None
-        if not stop.begun:
-            known = np.zeros(x.getLocalSize(), dtype=bool)
-            known[np.concatenate((system.contact_dofs[held], system.fixed_dofs))] = True
-            self.multigrid.extended(x, known)
-            multiplier = None
         unit = set_residual(system, x, held, multiplier, self._rhs)
+        known = np.zeros(x.getLocalSize(), dtype=bool)
+        known[np.concatenate((system.contact_dofs[held], system.fixed_dofs))] = True
+        if not stop.begun and anywhere(self.comm, x.array_r[known] != 0.0):
+            before, size = x.copy(), unit * self._rhs.norm()
+            self.multigrid.extended(x, known)
+            unit = set_residual(system, x, held, None, self._rhs)
+            if unit * self._rhs.norm() > size:
+                before.copy(x)
+                unit = set_residual(system, x, held, multiplier, self._rhs)
+            before.destroy()
         ratio = self.multigrid.nested(self._rhs, self._correction)
         if ratio > 0.0:
             self._projected.project(self._correction)
