@@ -64,6 +64,9 @@ class Node(Number):
         key = op, args, value, math.copysign(1.0, value)  # -0.0 is not 0.0
         return cls._known.setdefault(key, super().__new__(cls))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Node, (self.op, self.args, self.value)
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "size", 1 + sum(a.size for a in self.args))
         object.__setattr__(self, "depth", 1 + max((a.depth for a in self.args), default=0))

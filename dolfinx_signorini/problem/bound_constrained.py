@@ -425,7 +425,7 @@ class BoundConstrainedProblem(OnContact):
 
         Returns:
             The solution z, and the forces a(z, v) - load(v) that hold z at the dofs in contact,
-            with the basis functions as v.
+            with the basis functions as v: a function of the space, of vectors, too.
 
         Raises:
             InputError: The problem has not been solved, an argument makes no sense, or a form does
@@ -463,9 +463,13 @@ class BoundConstrainedProblem(OnContact):
             self._solver.linear.solve(linear, x, held, rtol * b.norm())
             z = fem.Function(self.space)
             system.fill(z, x)
-            return z, self._layout.forces_at(np.where(held, linear.multiplier(x), 0.0))
+            return z, self._forces_of(np.where(held, linear.multiplier(x), 0.0))
         finally:
             destroy(x, b)
+
+    def _forces_of(self, values: Array) -> fem.Function:
+        """Return the forces on u that go with a force of each constraint towards its side."""
+        return self._layout.forces_at(values)
 
     def costs(self) -> list[Cost]:
         """Return what this problem holds now, and the seconds of its phases; collective.

@@ -144,9 +144,7 @@ class ContactProblem(BoundConstrainedProblem):
         Raises:
             InputError: The problem has not been solved.
         """
-        nodes = self._layout.obstacle_nodes
-        forces = -self.normal_forces.x.array[nodes, None] * self._directions.units
-        return function_with(self.space, nodes, forces, "forces")
+        return self._against_direction(self.normal_forces)
 
     @property
     def force(self) -> Array:  # type: ignore[override]
@@ -192,12 +190,23 @@ class ContactProblem(BoundConstrainedProblem):
         Raises:
             InputError: The problem has not been solved.
         """
+        return self._normal(super().forces)
+
+    def _normal(self, forces: fem.Function) -> fem.Function:
+        """Turn forces on the dofs that the obstacle stops into those along the direction."""
         layout = self._layout
-        forces = super().forces
-        shares = self._directions.shares[layout.free]
-        forces.x.array[layout.contact_nodes] /= shares
+        forces.x.array[layout.contact_nodes] /= self._directions.shares[layout.free]
         forces.x.scatter_forward()
         return forces
+
+    def _against_direction(self, normal: fem.Function) -> fem.Function:
+        """Return vectors against the direction, of a size at each node."""
+        nodes = self._layout.obstacle_nodes
+        forces = -normal.x.array[nodes, None] * self._directions.units
+        return function_with(self.space, nodes, forces, "forces")
+
+    def _forces_of(self, values: Array) -> fem.Function:
+        return self._against_direction(self._normal(self._layout.forces_at(-values)))
 
     def along(self, f: fem.Function) -> fem.Function:
         """Return f along the unit vector of the direction; collective.

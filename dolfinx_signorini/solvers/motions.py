@@ -60,9 +60,9 @@ def owned_places(nodal: fem.FunctionSpace) -> Array:
 def at_rest(system: System) -> tuple[Array, Array]:
     """Return a rigid motion r, and the load b - A r on a body that rests there; collective.
 
-    r is the motion nearest to the Dirichlet data, if that makes the load smaller, and else 0. b has
-    the data times entries of the matrix: a constant that is added to all data and obstacles moves
-    nothing, but makes b larger.
+    r is the motion nearest to the Dirichlet data, if that makes the load smaller, and else 0; each
+    part of a mesh that is not connected has its own. b has the data times entries of the matrix: a
+    constant that is added to all data and obstacles moves nothing, but makes b larger.
 
     Args:
         system: The system.
@@ -72,21 +72,26 @@ def at_rest(system: System) -> tuple[Array, Array]:
     """
     comm, fixed, data = system.comm, system.fixed_dofs, system.fixed_values
     load = system.b.array_r.copy()
-    load[fixed], motion = 0.0, np.zeros(len(load))
-    if anywhere(comm, data != 0.0):
-        motions = motions_of(system.layout)
-        own = motions[fixed]
+    load[fixed] = 0.0
+    motion: Array = np.zeros(len(load))
+    if not anywhere(comm, data != 0.0):
+        return motion, load
+    motions, parts = motions_of(system.layout), system.layout.components
+    numbers = np.repeat(parts.numbers, system.layout.block)
+    for k in range(parts.count):
+        own = motions[fixed] * (numbers[fixed] == k)[:, None]
         products, known = comm.allreduce(own.T @ own), comm.allreduce(own.T @ data)
-        rest, forces = system.A.createVecs()
-        rest.array_w[:] = motions @ (np.linalg.pinv(products, ROUNDING, hermitian=True) @ known)
-        system.A.mult(rest, forces)
-        other = load - forces.array_r
-        other[fixed] = 0.0
-        sizes = comm.allreduce(np.array([np.abs(each).sum() for each in (other, load)]))
-        if sizes[0] < sizes[1]:
-            motion, load = rest.array_r.copy(), other
-        destroy(rest, forces)
-    return motion, load
+        nearest = motions @ (np.linalg.pinv(products, ROUNDING, hermitian=True) @ known)
+        motion = np.where(numbers == k, nearest, motion)
+    rest, forces = system.A.createVecs()
+    rest.array_w[:] = motion
+    system.A.mult(rest, forces)
+    other = load - forces.array_r
+    other[fixed] = 0.0
+    destroy(rest, forces)
+    sizes = [np.bincount(numbers, np.abs(each), parts.count) for each in (other, load)]
+    smaller = np.less(*comm.allreduce(np.array(sizes)))[numbers]
+    return np.where(smaller, motion, 0.0), np.where(smaller, other, load)
 
 
 def attach_motions(matrix: PETSc.Mat, motions: Array, held: LocalIndices) -> None:

@@ -25,7 +25,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array
-from dolfinx_signorini.base.tolerances import PRECISION, TINY
+from dolfinx_signorini.base.ranks import anywhere
+from dolfinx_signorini.base.tolerances import PRECISION, TINY, UNIT
 from dolfinx_signorini.solvers.motions import at_rest
 from dolfinx_signorini.solvers.system import System
 
@@ -56,13 +57,12 @@ class NaturalResidual:
         self.rtol = rtol
         self.multiplier = system.A.createVecLeft()
         rest, load = at_rest(system)
-        lifting = system.b.array_r - load
-        lifting[system.fixed_dofs] = 0.0
+        rounding = _rounding_of(system, rest)
         height = system.signs * (system.obstacle - rest[system.contact_dofs])
         pushing = system.contact_diagonal * np.maximum(height, 0.0)
         self.load = parallel_norm(system.comm, load)
         self.pushing = parallel_norm(system.comm, pushing)
-        self.least = ROUNDING / rtol * (parallel_norm(system.comm, lifting) + self.pushing)
+        self.least = (rounding + ROUNDING * self.pushing) / rtol
         self.scale = self._scale(self.pushing)
         self.norm = self.scale
 
@@ -117,6 +117,17 @@ class NaturalResidual:
     def destroy(self) -> None:
         """Free the PETSc vector."""
         self.multiplier.destroy()
+
+
+def _rounding_of(system: System, rest: Array) -> float:
+    """What rounding may make of A u in all rows where u is near some values."""
+    if not anywhere(system.comm, rest != 0.0):
+        return 0.0
+    diagonal = system.A.getDiagonal()
+    forces = diagonal.array_r * rest
+    forces[system.fixed_dofs] = 0.0
+    diagonal.destroy()
+    return UNIT * parallel_norm(system.comm, forces)
 
 
 def parallel_norm(comm: MPI.Comm, values: Array) -> float:

@@ -361,9 +361,49 @@ def test_a_derivative_along_a_motion_that_nothing_stops_is_refused():
     with pytest.raises(InputError, match="does work on a translation"):
         problem.solve_linearised(v[0] * ufl.dx)
     z, forces = problem.solve_linearised(-v[1] * ufl.dx, rtol=1e-10)
-    own = forces.function_space.dofmap.index_map.size_local
-    assert COMM.allreduce(forces.x.array[:own].sum()) == pytest.approx(-2.0)
+    own = forces.x.array.reshape(-1, 2)[: problem.space.dofmap.index_map.size_local]
+    assert COMM.allreduce(own[:, 1].sum()) == pytest.approx(2.0)
     # z has no part of the free motion: its mean along x.
     share = fem.assemble_scalar(fem.form(z[0] * ufl.dx))
     assert COMM.allreduce(share) == pytest.approx(0.0, abs=1e-9)
+    problem.destroy()
+
+
+@pytest.mark.parametrize("size", [2, 3])
+@pytest.mark.parametrize("rollers", [False, True])
+def test_linearised_forces_of_a_body_are_difference_quotients(size, rollers):
+    """Also at nodes of which rollers hold a component and the obstacle the rest."""
+    create = dolfinx.mesh.create_unit_cube if size == 3 else dolfinx.mesh.create_unit_square
+    domain = create(COMM, *[4] * size)
+    space = fem.functionspace(domain, ("Lagrange", 1, (size,)))
+    u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
+    low, high, left = (
+        dolfinx.mesh.locate_entities_boundary(
+            domain, size - 1, lambda x, k=k, at=at: np.isclose(x[k], at)
+        )
+        for k, at in ((size - 1, 0.0), (size - 1, 1.0), (0, 0.0))
+    )
+    top = fem.locate_dofs_topological(space, size - 1, high)
+    bcs = [fem.dirichletbc(np.zeros(size), top, space)]
+    if rollers:
+        part = space.sub(0)
+        dofs = fem.locate_dofs_topological(part, size - 1, left)
+        bcs.append(fem.dirichletbc(0.0, dofs, part))
+    d = np.array([0.6, 0.2, -1.0])[[0, 2]] if size == 2 else np.array([0.6, 0.2, -1.0])
+    scale = fem.Constant(domain, 1.0)
+    change = -(1.0 + x[0]) * v[size - 1] * ufl.dx
+    a, L = elasticity(u, v, young=10.0, poisson=0.3), scale * change
+    known = {"contact": low, "direction": tuple(d), "gap": -0.05}
+    problem = ContactProblem(a, L, **known, bcs=bcs)
+    problem.solve(rtol=1e-12)
+    before, force, active = problem.forces.x.array.copy(), problem.force, problem.active
+    _, slopes = problem.solve_linearised(change, rtol=1e-12)
+    own = space.dofmap.index_map.size_local
+    total = COMM.allreduce(slopes.x.array[: own * size].reshape(-1, size).sum(axis=0))
+    step = 1e-3
+    scale.value += step
+    problem.solve(rtol=1e-12)
+    assert np.array_equal(problem.active, active) and COMM.allreduce(len(active)) > 0
+    assert largest(slopes.x.array - (problem.forces.x.array - before) / step) <= 1e-6
+    assert total == pytest.approx((problem.force - force) / step, abs=1e-6)
     problem.destroy()
