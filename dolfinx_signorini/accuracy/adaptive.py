@@ -46,6 +46,10 @@ BENDS = (
     "side %r: %s, and a smooth curve is up to about %.0e away; `geometry`, or [domain.curves] in a "
     "scene file, tells the curve"
 )
+BENDS_INSIDE = (
+    "%s: %s there, and a smooth curve is up to about %.0e away; curves inside of the domain cannot "
+    "be told, and a finer first mesh is nearer to them"
+)
 
 
 @dataclass(frozen=True)
@@ -64,7 +68,8 @@ class AdaptiveSolution:
         stopped: Why the loop ended, in words.
         steps: The steps.
         cells: For each owned cell what the coarse cell around the cell leaves in the error.
-        polygonal: The sides whose facets bend like those of a curve that is not known, "all" for
+        polygonal: The sides whose facets bend like those of a curve that is not known, "edge of R"
+            for the edge of a region R inside of the domain, "all" for
             the boundary without a name. These facets are taken as the domain, and the estimate
             knows of no curve. For each side about how far a smooth curve is from the first mesh.
         notes: What is not known of the data, or not resolved by the first mesh, in words.
@@ -231,7 +236,8 @@ def adapt(
     """
     polygonal = arcs(first.sided, curves.known)
     for name, distance in polygonal.items():
-        log.warning(BENDS, name, POLYGON, distance)
+        on_boundary = name in (*first.sided.sides, "all")
+        log.warning(BENDS if on_boundary else BENDS_INSIDE, name, POLYGON, distance)
     loop = Loop(poses, first.sided, request, on_step, began, read, fit, curves)
     loop.run()
     return AdaptiveSolution(

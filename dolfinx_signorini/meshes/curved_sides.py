@@ -26,6 +26,7 @@ from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
     boundary_facets,
     cell_edges,
+    entity_nodes,
     facet_cells,
     facet_nodes,
     longest_side,
@@ -256,8 +257,9 @@ def arcs(sided: SidedMesh, known: frozenset[str] = frozenset()) -> dict[str, flo
         known: The names of sides that are left out; "all" for none.
 
     Returns:
-        By the name of each side, "all" for the boundary without a name, about how far from the
-        facets a smooth curve through their vertices is.
+        By the name of each side, "all" for the boundary without a name, "edge of R" for what is
+        inside of the domain of the boundary of a region R, about how far from the facets a smooth
+        curve through their vertices is.
     """
     found = _arcs_of(sided, known)
     while (parent := parent_mesh(sided.mesh)) is not None:
@@ -269,20 +271,41 @@ def arcs(sided: SidedMesh, known: frozenset[str] = frozenset()) -> dict[str, flo
 def _arcs_of(sided: SidedMesh, known: frozenset[str]) -> dict[str, float]:
     """As `arcs`, of the facets of one mesh."""
     domain, comm = sided.mesh, sided.mesh.comm
-    facets = boundary_facets(domain)
+    dim, facets = domain.topology.dim, boundary_facets(domain)
     combinations, numbers = sided.combinations(facets)
-    nodes = facet_nodes(domain, facets)
+    names = [
+        [*(n for n, yes in zip(sided.sides, each, strict=True) if yes), "all"]
+        for each in combinations
+    ]
+    for region in sided.regions:
+        inside = _edge_inside(sided, region)
+        facets = np.concatenate((facets, inside))
+        numbers = np.concatenate((numbers, np.full(len(inside), len(names))))
+        names.append([f"edge of {region}"])
+    domain.topology.create_connectivity(dim - 1, dim)
+    nodes = entity_nodes(domain, dim - 1, facets.astype(np.int32))
     ids = domain.geometry.index_map().local_to_global(nodes.ravel()).reshape(nodes.shape)
     parts = comm.gather((ids, domain.geometry.x[nodes], numbers))
     found: dict[str, float] = {}
     if parts is not None:
         away = _bulges(*(np.concatenate(part) for part in zip(*parts, strict=True)))
         for number, distance in away.items():
-            on = [n for n, yes in zip(sided.sides, combinations[number], strict=True) if yes]
-            if not known & {*on, "all"}:
-                name = next(iter(on), "all")  # the first one of a side with several names
+            name = names[number][0]  # the first one of a side with several names
+            if not known & {*names[number]}:
                 found[name] = max(distance, found.get(name, 0.0))
     return dict(comm.bcast(found))
+
+
+def _edge_inside(sided: SidedMesh, region: str) -> LocalIndices:
+    """The owned facets between cells of a region and other cells; collective."""
+    topology = sided.mesh.topology
+    dim, cells = topology.dim, owned_cells(sided.mesh)
+    topology.create_connectivity(dim, dim - 1)
+    facets = topology.connectivity(dim, dim - 1).array.reshape(-1, dim + 1)
+    index_map, own = topology.index_map(dim - 1), np.intersect1d(sided.regions[region], cells)
+    of_region, of_all = (summed(index_map, facets[each]) for each in (own, cells))
+    between = (of_region == 1.0) & (of_all == 2.0)
+    return np.flatnonzero(between[: index_map.size_local]).astype(np.int32)
 
 
 def _bulges(ids: Indices, x: Array, sides: Indices) -> dict[int, float]:

@@ -268,6 +268,32 @@ def test_arcs_are_told_from_polygons(comm, count, rounds):
     assert not arcs(curve, frozenset({"all"}))
 
 
+@pytest.mark.parametrize("count", [4, 8, 24])
+@pytest.mark.parametrize("rounds", [0, 1])
+def test_arcs_inside_of_the_domain_are_told(comm, count, rounds):
+    """A polygon of cells with a name in a square: an arc from five edges on."""
+    angles = 2.0 * math.pi * np.arange(count) / count
+    inner = 0.4 * np.stack((np.cos(angles), np.sin(angles)), axis=1)
+    outer = inner / np.abs(inner).max(axis=1)[:, None]
+    k, x = np.arange(count), np.vstack((np.zeros(2), inner, outer))
+    a, b = k + 1, (k + 1) % count + 1
+    rings = ((0 * k, a, b), (a, b, a + count), (b, a + count, b + count))
+    cells = np.concatenate([np.stack(each, axis=1) for each in rings])
+    if comm.rank:
+        x, cells = x[:0], cells[:0]
+    element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
+    domain = mesh.create_mesh(comm, cells.astype(np.int64), x=x, e=element)
+    middles = mesh.compute_midpoints(domain, 2, owned_cells(domain))
+    apart = np.linalg.norm(middles, axis=1) < 0.4 * math.cos(math.pi / count)
+    sided = SidedMesh(domain, {}, {"core": np.flatnonzero(apart).astype(np.int32)})
+    assert comm.allreduce(int(apart.sum())) == count
+    for _ in range(rounds):
+        sided = refined(sided).sided
+    away = 0.4 * (1.0 - math.cos(math.pi / count))
+    found = arcs(sided, frozenset({"all"}))
+    assert found == ({} if count == 4 else {"edge of core": pytest.approx(away, rel=0.1)})
+
+
 def polygon(comm, count, facets=1):
     """A regular polygon in the unit circle, whose edges have so many facets."""
     angles = 2.0 * math.pi * np.arange(count + 1) / count
