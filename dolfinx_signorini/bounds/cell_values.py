@@ -186,8 +186,8 @@ class CellValues:
         """Return the integrals over each cell of a function at the points."""
         return means(values, self.weights) * self.frames.volumes
 
-    def unresolved(self, source: Array, degree: int) -> Array:
-        """Return the L2 norm of f - c u without its projection on polynomials on each cell.
+    def beside(self, source: Array, degree: int) -> Array:
+        """Return f - c u without its projection on polynomials on each cell, at the points.
 
         Args:
             source: The moments of f - c u, see `CellData`.
@@ -196,7 +196,7 @@ class CellValues:
         rest, mean = self.residual.copy(), source / self.frames.volumes[:, None]
         for cells, own in self.frames.groups(self.points):
             rest[cells] -= mean[cells] @ polynomials(self.frames.dimension, degree, own)
-        return np.sqrt(self.integrals(rest**2))
+        return rest
 
 
 def cell_values(solved: Solved, quadrature: int) -> CellValues:

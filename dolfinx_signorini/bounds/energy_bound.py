@@ -10,7 +10,6 @@ from typing import Any
 
 import basix
 import numpy as np
-import ufl
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.errors import require
@@ -28,6 +27,7 @@ from dolfinx_signorini.bounds.cell_values import (
 )
 from dolfinx_signorini.bounds.condensation import DIRICHLET, CellData, joined
 from dolfinx_signorini.bounds.contact import contact_of
+from dolfinx_signorini.bounds.enclosed_data import EnclosedData, formula_in
 from dolfinx_signorini.bounds.equilibration import equilibrated
 from dolfinx_signorini.bounds.flux_parts import (
     FluxParts,
@@ -44,12 +44,12 @@ from dolfinx_signorini.bounds.reference_flux import reference_flux
 from dolfinx_signorini.bounds.remainders import NOTHING, Remainders, Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.data.interfaces.facet_jumps import data_jumps
-from dolfinx_signorini.data.reading import formula_of
 from dolfinx_signorini.meshes.sided_meshes import longest_side
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.signorini import one_sided
 
 TORN = "the Dirichlet data jump: no solution has finite energy"
+HIDDEN = 0.02  # of the flux part of a bound, or a guess of it
 MEANS = "without Dirichlet data or a reaction, the mean of the load is known at points only"
 
 
@@ -86,35 +86,52 @@ class EnergyBound:
     notes: tuple[str, ...] = ()
 
 
-def energy_bound(
-    problem: BoundConstrainedProblem, terms: EnergyTerms, rest: Remainders = NOTHING
-) -> EnergyBound:
+def energy_bound(problem: BoundConstrainedProblem, terms: EnergyTerms) -> EnergyBound:
     """Return a bound of the energy norm of u - u_h for a solved problem.
+
+    Formulas among the data are enclosed so well that what is hidden between the points of rules is
+    at most a share of the flux part. Data are formulas if they are numbers or UFL expressions of
+    the coordinates.
 
     Args:
         problem: The solved problem, of any degree on triangles or tetrahedra, with an obstacle on
             the boundary, or one or two in the domain; the call is collective.
-        terms: The strong form of the problem, where polynomials may stand for other data.
-        rest: What the data have beside the polynomials that stand for the data.
+        terms: The strong form of the problem.
 
     Raises:
-        InputError: The terms contradict each other, the mesh has curved or other cells, data have
-            changed since the solve, or what is told of obstacles is for obstacles elsewhere.
+        InputError: The terms contradict each other, the mesh has curved or other cells, or data
+            have changed since the solve.
     """
     check(
         problem=(problem, with_bound),
         terms=(terms, instance(EnergyTerms, "the terms of the problem, EnergyTerms")),
-        rest=(rest, instance(Remainders, "what the terms have beside polynomials, Remainders")),
     )
-    domain = problem.space.mesh
     problem.check_unchanged()
     _check_mesh(problem)
-    terms.check_on(domain)
-    on_boundary = [each for each in (rest.obstacle, rest.obstacle_in_space) if each is not None]
-    elsewhere = on_boundary if problem.in_domain else rest.obstacles_in_cells
-    require(domain.comm, not elsewhere, "tells of obstacles that are elsewhere", "rest")
+    terms.check_on(problem.space.mesh)
+    data = EnclosedData(problem, terms)
+    bound = bound_by_polynomials(problem, *data.enclosed(HIDDEN * data.size))
+    if data.hidden > 2.0 * HIDDEN * bound.flux > 0.0:
+        bound = bound_by_polynomials(problem, *data.enclosed(HIDDEN * bound.flux))
+    return bound
+
+
+def bound_by_polynomials(
+    problem: BoundConstrainedProblem, terms: EnergyTerms, rest: Remainders = NOTHING
+) -> EnergyBound:
+    """Return the bound with polynomials in place of data; other data count as known at points.
+
+    Args:
+        problem: The solved problem; the call is collective.
+        terms: The strong form, where polynomials may stand for other data.
+        rest: What the data have beside the polynomials that stand for the data.
+
+    Raises:
+        InputError: The terms contradict each other.
+    """
+    domain = problem.space.mesh
     bound = _by_a_flux(Solved(problem, terms, cell_frames(domain), rest))
-    read = [(formula_of(ufl.as_ufl(data)), on) for data, on in terms.dirichlet if data is not None]
+    read = [(formula_in(data), on) for data, on in terms.dirichlet]
     if data_jumps(domain, [(data, on) for data, on in read if data is not None]):
         return replace(bound, total=math.inf, notes=(*bound.notes, TORN))
     return bound
@@ -262,7 +279,7 @@ def _bound(
         eta = root(square) + apart
         middle = root((own.middle + 0.5 * beside) ** 2 + 0.25 * by_reaction**2) + 0.5 * apart
         total = middle + math.sqrt(0.25 * eta**2 + contact**2)
-        cells *= total / (root(cells**2) or 1.0)
+    cells *= total / (root(cells**2) or 1.0)
     return EnergyBound(
         flux=root(own.flux**2),
         data=root((data.projected + data.missed + data.on_facets + taken) ** 2) + free,

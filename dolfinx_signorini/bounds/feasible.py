@@ -220,14 +220,20 @@ def _moved(solved: Solved, near: Feasible) -> Feasible:
 
 
 def _lacks(solved: Solved, change: fem.Function) -> list[Array]:
-    """How far obstacles may be beyond a function, on each cell of this rank that has obstacles."""
+    """How far obstacles may be beyond a function, on each cell of this rank that has obstacles.
+
+    The interpolant stands for an obstacle that is known at points only, and is not beyond.
+    """
     problem, d, result = solved.problem, solved.dimension, []
     rows = np.flatnonzero(np.isin(solved.frames.cells, problem.contact))
     frames = solved.frames.some(rows)
     for side, (data, apart) in zip(sides_of(solved), in_cells(solved), strict=True):
+        known_degree = polynomial_degree(data)
+        if known_degree is None:
+            result.append(apart[rows])
+            continue
         obstacle = datum(frames.domain, data)
-        order = change.function_space.element.basix_element.degree
-        order = max(order, polynomial_degree(data) or 0)
+        order = max(change.function_space.element.basix_element.degree, known_degree)
         points, weights = rule(d, 2 * order)
         at = frames.points(points)
         v = problem.sign * at.values(problem.u)[0] + at.values(change)[0]

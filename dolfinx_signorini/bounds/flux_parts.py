@@ -20,6 +20,7 @@ from dolfinx_signorini.bounds.condensation import CellData, coefficients
 from dolfinx_signorini.bounds.gaps import contact_energy
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux
 from dolfinx_signorini.bounds.remainders import Solved
+from dolfinx_signorini.bounds.strong_form import polynomial_degree
 from dolfinx_signorini.meshes.polynomials import largest
 
 
@@ -152,9 +153,11 @@ def oscillation(values: CellValues, fluxes: Array, source: Array, degree: int) -
     frames, rest, scales, a = values.frames, values.rest, values.scales, values.scales.lowest
     d, root, sizes = frames.dimension, np.sqrt(scales.volumes), frames.facet_sizes
     weight = np.minimum(scales.gradient_weight, scales.l2_weight)
-    projected = weight * values.unresolved(source, degree)
+    beside = values.beside(source, degree)
+    norm = np.sqrt(values.integrals(beside**2))
+    projected = weight * norm
     u = largest(d, degree, values.moments(values.u, degree))
-    missed = weight * (rest.load + rest.reaction * u)
+    missed = weight * (_missed(values, beside, norm) + rest.reaction * u)
     square = sizes / scales.volumes[:, None] * scales.diameters[:, None] ** 2
     square *= (1.0 / math.pi + 2.0 / d) / math.pi / a[:, None]
     on_facets = (np.sqrt(square) * (fluxes + rest.flux)).sum(axis=1)
@@ -163,3 +166,20 @@ def oscillation(values: CellValues, fluxes: Array, source: Array, degree: int) -
     on_facets += moved * scales.diameters / (d * np.sqrt(a))
     stray = np.where(scales.weak, (rest.load_mean + rest.reaction_mean * u) * root, 0.0) + moved
     return Oscillation(projected, missed, on_facets, stray)
+
+
+def _missed(values: CellValues, beside: Array, norm: Array) -> Array:
+    """What the load misses adds to the norm of what polynomials have beside their projections.
+
+    The load misses what is orthogonal to polynomials of the degree n of those in its place, but for
+    its means, so that the squares of both norms add up but for what is beside polynomials of degree
+    n. Where the reaction is strong, the rest of a flux comes on top, and the norms add up.
+    """
+    rest, frames = values.rest, values.frames
+    degree = polynomial_degree(values.solved.terms.load) or 0
+    own = values.moments(beside, degree)
+    beyond = np.sqrt(np.maximum(norm**2 - frames.volumes * np.square(own).sum(axis=1), 0.0))
+    products = rest.load_mean * largest(frames.dimension, degree, own) * frames.volumes
+    products += beyond * rest.load
+    more = np.sqrt(norm**2 + np.square(rest.load) + 2.0 * products) - norm
+    return np.where(values.scales.weak, np.minimum(more, rest.load), rest.load)

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse as sp
 from dolfinx import fem
+from scipy.sparse.linalg import splu
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.ranks import marked
@@ -21,6 +22,10 @@ from dolfinx_signorini.bounds.interior_point import MOST_ENTRIES, QuadraticProgr
 from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.problem.assembly import dofs_on_facets
+from dolfinx_signorini.solvers.linear.projected import SYMMETRIC
+
+# Times the largest change without limits, or that limits ask for: limits farther away do nothing.
+OUT_OF_REACH = 10.0
 
 
 def nearer(
@@ -99,15 +104,24 @@ def _solved(
     places, skip = places.reshape(numbers.shape), int(bool(len(names)) and names[0] < 0)
     names, first, places = names[skip:], first[skip:], places - skip
     size = len(names)
+    if not size:
+        return names, np.zeros(0)
     H, h = assembled(np.where(places < 0, size, places), stiffness, load, size)
     low, high = low.ravel()[first], high.ravel()[first]
-    lower, upper = np.flatnonzero(np.isfinite(low)), np.flatnonzero(np.isfinite(high))
+    try:
+        factor = splu(H, **SYMMETRIC)
+    except RuntimeError:  # a singular matrix
+        return names[:0], np.zeros(0)
+    # The change goes about as far as without limits, or as limits push: no others are met.
+    reach = np.abs(factor.solve(h)).max(initial=0.0)
+    reach = OUT_OF_REACH * (reach + max(low.max(initial=0.0), -high.min(initial=0.0)))
+    lower, upper = np.flatnonzero(low >= -reach), np.flatnonzero(high <= reach)
+    if not len(lower) + len(upper):
+        return names[:0], np.zeros(0)
     eye = sp.eye(size, format="csr")
     E = sp.vstack((eye[lower], -eye[upper])).tocsr()
     e = np.concatenate((low[lower], -high[upper]))
     none = sp.csc_matrix((0, size)), np.zeros(0)
-    if not len(e):
-        return names[:0], np.zeros(0)
     guess = np.maximum(-e, 0.1 * np.abs(e).mean())
     change = QuadraticProgram(H, h, *none, E, e).solution(guess)
     return (names, change) if change is not None else (names[:0], np.zeros(0))

@@ -35,9 +35,9 @@ class Remainders:
         bound = energy_bound(problem, terms, Remainders(load=missed, load_mean=mean))
 
     Attributes:
-        load, load_mean: The L2 norm on each cell, and the absolute value of the mean.
-        reaction, reaction_mean: The same; the last one is about means of the product with any
-            polynomial of the degree of the solution and with values of at most 1.
+        load, load_mean: The L2 norm on each cell, and the largest mean of the product with a
+            polynomial of the degree of that in its place, and with values of at most 1.
+        reaction, reaction_mean: The same, with polynomials of the degree of the solution.
         diffusion, inverse: The largest spectral norm on each cell; the last one is about the
             inverse of the diffusion.
         inverse_entries: The polynomials for the entries of the inverse of the diffusion, in the

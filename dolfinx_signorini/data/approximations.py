@@ -12,26 +12,32 @@ at most 2 t(q / 2). A projection on polynomials of degree n that has the norm L 
 misses at most (1 + L) t(n) of f at every point.
 """
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from math import comb
 
 import numpy as np
 from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, Mask
-from dolfinx_signorini.base.tolerances import UPWARDS
+from dolfinx_signorini.base.arrays import BLOCK, Array, Mask
+from dolfinx_signorini.base.tolerances import SOLVED, UPWARDS
 from dolfinx_signorini.data.analytic import missed_by_discs
 from dolfinx_signorini.data.branches import Decided, decided
 from dolfinx_signorini.data.enclosures import enclosed_on_simplices
-from dolfinx_signorini.data.formulas import Formula, evaluated, nodes
+from dolfinx_signorini.data.formulas import Formula, Node, evaluated, nodes
+from dolfinx_signorini.data.interfaces.interface import Interface
 from dolfinx_signorini.data.interfaces.pieces import (
     MOST_PIECES,
     Numbers,
+    corners_of_reference,
     divided,
     inside,
     subdivide,
     with_reference,
 )
+from dolfinx_signorini.data.interfaces.singular_sets import factors, margins
 from dolfinx_signorini.data.singular import root_mean_squares
 from dolfinx_signorini.meshes.polynomials import largest, polynomials, rule
 from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
@@ -64,12 +70,26 @@ class Approximation:
 
 
 @dataclass(frozen=True)
+class _Branch:
+    """Pieces of simplices on which a formula without branches stands for another one.
+
+    The vertices of the pieces have reference coordinates first. What the formulas are apart is
+    given as the root of the mean square, and the mean of the size, of the difference on each piece.
+    """
+
+    formula: Formula
+    pieces: Array
+    owners: Numbers
+    apart: Array
+
+
+@dataclass(frozen=True)
 class _Part:
-    """Pieces of simplices with the formula at points; vertices have reference coordinates first."""
+    """Pieces of simplices with the formula at points."""
 
     pieces: Array
-    owners: Indices
-    share: float  # of a piece in its simplex
+    owners: Numbers
+    shares: Array  # of the pieces in their simplices
     values: Array
     tails: Array  # of what points do not tell: of the root of mean squares, and of means
 
@@ -89,26 +109,147 @@ def approximated(
         tolerance: The L2 norms over all simplices of weights times bounds that are small enough,
             for what is hidden between the points.
     """
-    dimension = corners.shape[1] - 1
+    dimension, count = corners.shape[1] - 1, len(corners)
     points, rule_weights = rule(dimension, ORDERS[dimension])
-    parts = _parts(formula, comm, corners, degree, weights, tolerance)
-    tables = [_table(part.pieces, points, degree, part.share == 1.0) for part in parts]
-    count, terms = len(corners), comb(degree + dimension, dimension)
-    moments, squares, mean = np.zeros((count, terms)), np.zeros(count), np.zeros(count)
+    limits = _Limits(comm, simplex_sizes(corners), weights, tolerance)
+    branches = _branches(formula, corners, limits)
+    parts = [part for branch in branches for part in _parts(branch, degree, limits)]
+    tables = [_table(part.pieces, points, degree) for part in parts]
+    moments = np.zeros((count, comb(degree + dimension, dimension)))
     for part, table in zip(parts, tables, strict=True):
-        own = part.share * np.einsum("nq,niq->ni", part.values * rule_weights, table)
-        np.add.at(moments, part.owners, own)
-    between = np.zeros((2, count))
+        own = np.einsum("nq,niq->ni", part.values * rule_weights, table)
+        np.add.at(moments, part.owners, part.shares[:, None] * own)
+    squares, between = np.zeros(count), np.zeros((2, count))
     for part, table in zip(parts, tables, strict=True):
         rest = part.values - np.einsum("ni,niq->nq", moments[part.owners], table)
         root = np.sqrt(np.square(rest) @ rule_weights) + part.tails[0]
-        squares += part.share * np.bincount(part.owners, root**2, count)
-        mean += part.share * np.bincount(part.owners, part.tails[1], count)
-        between[0] += part.share * np.bincount(part.owners, part.tails[0] ** 2, count)
-    between[1] = mean**2
-    sums = (weights**2 * between) @ simplex_sizes(corners)
-    hidden = float(np.sqrt(np.sum(comm.allgather(sums), axis=0).max()))
-    return Approximation(moments, np.sqrt(squares) * UPWARDS, mean * UPWARDS, hidden)
+        squares += np.bincount(part.owners, part.shares * root**2, count)
+        between += limits.on_simplices(part.pieces, part.owners, part.tails)
+    apart = np.zeros((2, count))
+    for branch in branches:
+        apart += limits.on_simplices(branch.pieces, branch.owners, branch.apart)
+    missed, mean = np.sqrt(squares) + np.sqrt(apart[0]), between[1] + apart[1]
+    hidden = limits.total(np.stack((np.sqrt(between[0]) + np.sqrt(apart[0]), mean)))
+    return Approximation(moments, missed * UPWARDS, mean * UPWARDS, hidden)
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """How much may be hidden on the simplices of all ranks, see `approximated`."""
+
+    comm: MPI.Comm
+    sizes: Array
+    weights: Array
+    tolerance: float
+
+    @cached_property
+    def allowed(self) -> float:
+        """The weighted value that is small enough if all pieces have the same."""
+        size = self.comm.allreduce(float(self.sizes.sum()))
+        return self.tolerance / math.sqrt(size or 1.0)
+
+    def on_simplices(self, pieces: Array, owners: Numbers, hidden: Array) -> Array:
+        """Return mean squares and means over simplices, of such roots and means on pieces."""
+        shares, count = _shares(pieces), len(self.sizes)
+        squares = np.bincount(owners, shares * hidden[0] ** 2, count)
+        return np.stack((squares, np.bincount(owners, shares * hidden[1], count)))
+
+    def total(self, hidden: Array) -> float:
+        """Return the weighted L2 norm over the simplices of all ranks, the larger one of two."""
+        sums = np.square(self.weights * hidden) @ self.sizes
+        return float(np.sqrt(np.sum(self.comm.allgather(sums), axis=0).max()))
+
+    def exceeded(self, pieces: Array, owners: Numbers, hidden: Array) -> Mask:
+        """Return which pieces hide too much; none if all of them together hide little enough."""
+        open_ = ~(hidden * self.weights[:, owners] <= self.allowed).all(axis=0)
+        found = self.on_simplices(pieces, owners, np.where(open_, hidden, 0.0))
+        found[0] = np.sqrt(found[0])
+        return np.asarray(open_ & (not self.total(found) <= self.tolerance))
+
+
+def _shares(pieces: Array) -> Array:
+    """The shares of pieces in their simplices."""
+    dimension = pieces.shape[1] - 1
+    return simplex_sizes(pieces[..., :dimension]) * math.factorial(dimension)
+
+
+def _are_whole(pieces: Array) -> bool:
+    """Whether pieces are the simplices themselves."""
+    dimension = pieces.shape[1] - 1
+    return bool((pieces[..., :dimension] == corners_of_reference(dimension)).all())
+
+
+def _branches(formula: Formula, corners: Array, limits: _Limits) -> list[_Branch]:
+    """Simplices, cut where the formula chooses, with its branches; as many on all ranks."""
+    start, comm = with_reference(corners), limits.comm
+    found: dict[tuple[Node, bool], list[_Branch]] = {}
+
+    def look(pieces: Array, owners: Numbers, level: int) -> tuple[Mask, list[Array]]:
+        squares, means, thick = np.zeros((3, len(pieces)))
+        for branch in _cut(formula, pieces, np.arange(len(pieces))):
+            at, shares = branch.owners, _shares(branch.pieces) / _shares(pieces)[branch.owners]
+            squares += np.bincount(at, shares * branch.apart[0] ** 2, len(pieces))
+            means += np.bincount(at, shares * branch.apart[1], len(pieces))
+            # What rounding leaves on the wrong side of a cut, no division makes less.
+            thin = branch.apart[1] <= math.sqrt(SOLVED) * branch.apart[0]
+            thick += np.bincount(at, ~thin, len(pieces))
+        open_ = limits.exceeded(pieces, owners, np.stack((np.sqrt(squares), means)))
+        return open_ & (thick > 0.0), []
+
+    steps = subdivide(start, np.arange(len(corners)), look, comm, MOST_PIECES)
+    for pieces, owners, _, _ in steps:
+        for branch in _cut(formula, pieces, owners):
+            found.setdefault((branch.formula.root, _are_whole(branch.pieces)), []).append(branch)
+    together = [
+        _Branch(
+            Formula(formula.text, root),
+            np.concatenate([branch.pieces for branch in every]),
+            np.concatenate([branch.owners for branch in every]),
+            np.concatenate([branch.apart for branch in every], axis=1),
+        )
+        for (root, _), every in found.items()
+    ]
+    most = max(comm.allgather(len(together)))
+    nothing = _Branch(formula, start[:0], np.arange(0), np.zeros((2, 0)))
+    return together + [nothing] * (most - len(together))
+
+
+def _cut(formula: Formula, pieces: Array, owners: Numbers) -> Iterator[_Branch]:
+    """Yield branches of a formula with the pieces that are on one side, and parts of the others.
+
+    Pieces on which the distance of the branches has no bound keep the formula as it is.
+    """
+    dimension = pieces.shape[2] - pieces.shape[1] + 1
+    every = np.arange(len(pieces))
+    doubtful, whole = np.zeros(len(pieces), dtype=bool), np.ones(len(pieces), dtype=bool)
+    if margins(formula):
+        for part in decided([formula], pieces[..., -dimension:], 1):
+            clear = part.cells[part.shares == 0.0]
+            yield _Branch(part.formulas[0], pieces[clear], owners[clear], np.zeros((2, len(clear))))
+            doubtful[part.cells[part.shares > 0.0]] = True
+            whole[part.cells] = False
+    parts, own = pieces[doubtful], every[doubtful]
+    for node in dict.fromkeys(f for m in margins(formula) for f in factors(m, signs=True)):
+        parts, numbers = Interface(node).cut(parts, dimension)
+        own = own[numbers]
+    thick = _shares(parts) > 0.0
+    parts, own = parts[thick], own[thick]
+    found = []
+    for part in decided([formula], parts[..., -dimension:], 1) if len(parts) else ():
+        apart = np.zeros((2, len(part.cells)))
+        for (other,) in part.others:
+            between = Formula("", part.formulas[0].root - other.root)
+            ends = enclosed_on_simplices(between, parts[part.cells][..., -dimension:])
+            far = np.abs(ends).max(axis=0)
+            far = np.where(part.shares > 0.0, np.where(np.isnan(far), np.inf, far), 0.0)
+            apart = np.maximum(apart, far * np.stack((np.sqrt(part.shares), part.shares)))
+        found.append((part, apart))
+        whole[own[part.cells[np.isinf(apart).any(axis=0)]]] = True
+    for part, apart in found:
+        kept = ~whole[own[part.cells]]
+        cells = part.cells[kept]
+        yield _Branch(part.formulas[0], parts[cells], owners[own[cells]], apart[:, kept])
+    yield _Branch(formula, pieces[whole], owners[whole], np.zeros((2, int(whole.sum()))))
 
 
 def followed(formula: Formula, corners: Array, degree: int) -> tuple[Array, Array]:
@@ -207,33 +348,24 @@ def _beside_branches(part: Decided, corners: Array, degree: int) -> tuple[Array,
     return own, apart
 
 
-def _parts(
-    formula: Formula, comm: MPI.Comm, corners: Array, degree: int, weights: Array, tolerance: float
-) -> list[_Part]:
-    """Divide simplices into pieces on which the formula is known well enough."""
-    dimension, count = corners.shape[1] - 1, len(corners)
-    sizes, parts = simplex_sizes(corners), []
+def _parts(branch: _Branch, degree: int, limits: _Limits) -> list[_Part]:
+    """Divide pieces into smaller ones on which the formula is known well enough."""
+    formula, comm, weights, parts = branch.formula, limits.comm, limits.weights, []
+    dimension = branch.pieces.shape[1] - 1
     # Ranks may have different formulas, and all leave the loop at the same level.
     most = comm.allreduce(min(MOST_PIECES, MOST_WORK // len(nodes(formula.root))), op=MPI.MIN)
-    allowed = tolerance / np.sqrt(comm.allreduce(float(sizes.sum())) or 1.0)
 
     def look(pieces: Array, owners: Numbers, level: int) -> tuple[Mask, list[Array]]:
-        share = 0.5 ** (dimension * level)
-        limits = allowed / weights[:, owners]
-        tails, levels = _enclosed(formula, pieces[..., dimension:], degree, limits)
-        open_ = ~(tails * weights[:, owners] <= allowed).all(axis=0)
-        rest = share * np.bincount(owners, np.where(open_, tails[0] ** 2, 0.0), count)
-        mean = share * np.bincount(owners, np.where(open_, tails[1], 0.0), count)
-        sums = [sizes @ (weights[0] ** 2 * rest), sizes @ (weights[1] * mean) ** 2]
-        enough = np.sum(comm.allgather(sums), axis=0).max() <= tolerance**2
-        return open_ & ~enough, [tails, levels]
+        allowed = np.asarray(limits.allowed / weights[:, owners])
+        tails, levels = _enclosed(formula, pieces[..., dimension:], degree, allowed)
+        return limits.exceeded(pieces, owners, tails), [tails, levels]
 
-    start = with_reference(corners), np.arange(count)
-    for pieces, owners, level, (tails, levels) in subdivide(*start, look, comm, most):
+    for pieces, owners, _, (tails, levels) in subdivide(
+        branch.pieces, branch.owners, look, comm, most
+    ):
         values = _values(formula, pieces[..., dimension:], levels)
         tails[:, ~np.isfinite(values).all(axis=1)] = np.inf
-        share = 0.5 ** (dimension * level)
-        parts.append(_Part(pieces, owners, share, np.nan_to_num(values), tails))
+        parts.append(_Part(pieces, owners, _shares(pieces), np.nan_to_num(values), tails))
     return parts
 
 
@@ -273,10 +405,10 @@ def _tails(formula: Formula, pieces: Array, degrees: tuple[int, ...]) -> Array:
     )
 
 
-def _table(pieces: Array, points: Array, degree: int, whole: bool = False) -> Array:
+def _table(pieces: Array, points: Array, degree: int) -> Array:
     """The polynomials on simplices at the points of pieces, shape (pieces, polynomials, points)."""
     dimension = points.shape[1]
-    if whole:  # one table is enough
+    if _are_whole(pieces):  # one table is enough
         table = polynomials(dimension, degree, points)
         return np.broadcast_to(table, (len(pieces), *table.shape))
     places = inside(pieces[..., :dimension], points).transpose(1, 0, 2)

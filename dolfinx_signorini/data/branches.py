@@ -52,19 +52,20 @@ class Decided:
     others: list[list[Formula]]
 
 
-def decided(formulas: Sequence[Formula], corners: Array) -> list[Decided]:
+def decided(formulas: Sequence[Formula], corners: Array, finest: int = FINE) -> list[Decided]:
     """Return branches of formulas, with the simplices on which they may stand for others.
 
     Args:
         formulas: The formulas.
         corners: The vertices of the simplices, shape (simplices, vertices, dimension).
+        finest: Into how many pieces a simplex may be divided for its share, about.
 
     Returns:
         The formulas themselves, with shares 0, where there are too many branches.
     """
     known = dict.fromkeys(margins(*formulas))
     count, every = len(corners), np.arange(len(corners))
-    found = [_sides(Formula("", margin), corners) for margin in known]
+    found = [_sides(Formula("", margin), corners, finest) for margin in known]
     signs = np.array([sign for sign, _ in found]).reshape(len(found), count)
     patterns, which = np.unique(signs, axis=1, return_inverse=True)
     if not found or patterns.shape[1] > MOST_PATTERNS:
@@ -88,13 +89,13 @@ def decided(formulas: Sequence[Formula], corners: Array) -> list[Decided]:
     return parts
 
 
-def _sides(margin: Formula, corners: Array) -> tuple[npt.NDArray[np.bool_], Array]:
+def _sides(margin: Formula, corners: Array, finest: int) -> tuple[npt.NDArray[np.bool_], Array]:
     """Whether a function is positive in most of a simplex, and on what share it may be negative.
 
     A product changes its sign where one of its factors does, and nowhere else: factors tell more
     where they are simpler, (x - a) (b - x) for example next to the lines x = a and x = b.
     """
-    positive, share = _sides_of_one(margin, corners)
+    positive, share = _sides_of_one(margin, corners, finest)
     parts = [Formula("", part) for part in factors(margin.root, signs=True)]
     if len(parts) < 2:
         return positive, share
@@ -102,7 +103,7 @@ def _sides(margin: Formula, corners: Array) -> tuple[npt.NDArray[np.bool_], Arra
     known = ~undefined(margin, corners)
     total = np.zeros(len(corners))
     for part in parts:
-        above, shared = _sides_of_one(part, corners)
+        above, shared = _sides_of_one(part, corners, finest)
         value = evaluated(part.root, middle)
         known &= np.where(above, value > 0.0, value < 0.0)
         total += shared
@@ -111,7 +112,9 @@ def _sides(margin: Formula, corners: Array) -> tuple[npt.NDArray[np.bool_], Arra
     return np.where(better, value > 0.0, positive), np.where(better, total, share)
 
 
-def _sides_of_one(margin: Formula, corners: Array) -> tuple[npt.NDArray[np.bool_], Array]:
+def _sides_of_one(
+    margin: Formula, corners: Array, finest: int
+) -> tuple[npt.NDArray[np.bool_], Array]:
     """The same, by what encloses the function itself."""
 
     def look(pieces: Array, owners: Numbers, level: int) -> tuple[Mask, list[Array]]:
@@ -120,7 +123,7 @@ def _sides_of_one(margin: Formula, corners: Array) -> tuple[npt.NDArray[np.bool_
 
     total = np.zeros((2, len(corners)))  # of places that may be negative, and positive
     parts = 2 ** (corners.shape[1] - 1)
-    deepest = int(math.log(FINE, parts))
+    deepest = int(math.log(finest, parts))
     for _, owners, level, (shares,) in subdivide(
         corners, np.arange(len(corners)), look, deepest=deepest
     ):

@@ -21,7 +21,7 @@ from dolfinx import fem
 from ufl import classes
 from ufl.algorithms import apply_algebra_lowering, apply_derivatives
 from ufl.core.expr import Expr
-from ufl.corealg.traversal import unique_post_traversal
+from ufl.corealg.traversal import unique_post_traversal, unique_pre_traversal
 
 from dolfinx_signorini.base.compat import ELEMENTS
 from dolfinx_signorini.data.enclosures import enclosed_everywhere
@@ -81,6 +81,11 @@ def lowered(expression: Any) -> Any:
     return apply_derivatives.apply_derivatives(
         apply_algebra_lowering.apply_algebra_lowering(expression)
     )
+
+
+def has_derivatives(expression: Expr) -> bool:
+    """Return whether an expression has derivatives that are not carried out."""
+    return any(isinstance(part, classes.Derivative) for part in unique_pre_traversal(expression))
 
 
 def read(expression: Expr, terminals: Terminals) -> Formula | None:

@@ -74,7 +74,12 @@ class Reading:
 
     def is_linear_in_normals(self, place: Place) -> bool:
         """Return whether a summand is the sum of components of the normal, each with a factor."""
-        return self._once(("linear in normals", place), lambda: self._has_linear_normals(place))
+
+        def found() -> bool:
+            term, arguments = self.terms[place[0]][place[1]], self.form.arguments()
+            return is_linear_in_normals(term, self.form.ufl_domain(), arguments)
+
+        return self._once(("linear in normals", place), found)
 
     def formula(
         self, place: Place, chosen: Sequence[int], normal: int = 0, functions: bool = False
@@ -97,19 +102,6 @@ class Reading:
         known = [formula for formula in parts if formula is not None]
         text = " + ".join(formula.text for formula in known)
         return Formula(text, sum((formula.root for formula in known), ZERO))
-
-    def _has_linear_normals(self, place: Place) -> bool:
-        term, arguments = self.terms[place[0]][place[1]], self.form.arguments()
-        space = arguments[0].ufl_function_space()
-        normal = ufl.FacetNormal(space.ufl_domain())
-        kind = space.ufl_domain().ufl_coordinate_element()
-        stands_for_it = ufl.Argument(ufl.FunctionSpace(space.ufl_domain(), kind), len(arguments))
-        try:
-            replaced = ufl.replace(term, {normal: stands_for_it})
-            check_integrand_arity(replaced, (*arguments, stands_for_it), False)
-        except (ArityMismatch, ValueError):  # UFL trips over its own message, see `check_linear`
-            return False
-        return True
 
     def _read(
         self, place: Place, chosen: Sequence[int], normal: int, functions: bool
@@ -136,3 +128,22 @@ class Reading:
             self._known[key] = find()
         found: T = self._known[key]
         return found
+
+
+def is_linear_in_normals(term: Expr, domain: Any, arguments: Sequence[Expr] = ()) -> bool:
+    """Return whether a lowered term is a sum of components of the normal, each with a factor.
+
+    Args:
+        term: The term.
+        domain: The mesh.
+        arguments: The arguments of a form, in which the term is linear.
+    """
+    normal = ufl.FacetNormal(domain)
+    space = ufl.FunctionSpace(normal.ufl_domain(), normal.ufl_domain().ufl_coordinate_element())
+    stands_for_it = ufl.Argument(space, len(arguments))
+    try:
+        replaced = ufl.replace(term, {normal: stands_for_it})
+        check_integrand_arity(replaced, (*arguments, stands_for_it), False)
+    except (ArityMismatch, ValueError):  # UFL trips over its own message, see `check_linear`
+        return False
+    return True

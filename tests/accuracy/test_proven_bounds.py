@@ -12,15 +12,12 @@ from hypothesis import strategies as st
 from known import bump, circle
 from mpi4py import MPI
 
-from dolfinx_signorini.bounds.energy_bound import energy_bound
-from dolfinx_signorini.data.formulas import evaluated
+from dolfinx_signorini.bounds.energy_bound import bound_by_polynomials
 from dolfinx_signorini.data.interfaces.fitting import fitted_mesh
 from dolfinx_signorini.data.parsing import parse
 from dolfinx_signorini.scenes import pose
+from dolfinx_signorini.scenes.bounds import bound_of_scene, energy_terms
 from dolfinx_signorini.scenes.files.reading import parse_scene
-from dolfinx_signorini.scenes.proven import known_data
-from dolfinx_signorini.scenes.proven.bounds import bound_of_scene, energy_terms
-from dolfinx_signorini.scenes.proven.known_data import KnownData
 
 PLANE = """
 degree = {degree}
@@ -109,7 +106,7 @@ def test_coefficients_that_are_formulas(degree, comm):
 def test_a_diffusion_that_varies_much(cells, A, Ax, degree, comm):
     text, exact = wave(cells, degree, 2.0, 1.0, A, Ax)
     bound = checked(text, exact, comm, 1.4, A=A)
-    sampled = energy_bound((posed := solved(text, comm)).problem, energy_terms(posed))
+    sampled = bound_by_polynomials((posed := solved(text, comm)).problem, energy_terms(posed))
     assert sampled.sampled and bound.total <= 1.02 * sampled.total
 
 
@@ -118,7 +115,7 @@ def test_a_matrix_of_formulas(comm):
     matrix = '[["2 + sin(x)", "0.5*y"], ["0.5*y", "1 + x^2"]]'
     text = text.replace('diffusion = "1"', f"diffusion = {matrix}")
     bound = bound_of_scene(solved(text, comm))
-    sampled = energy_bound((posed := solved(text, comm)).problem, energy_terms(posed))
+    sampled = bound_by_polynomials((posed := solved(text, comm)).problem, energy_terms(posed))
     assert not bound.sampled and sampled.sampled
     assert sampled.total <= bound.total <= 1.05 * sampled.total
 
@@ -146,7 +143,7 @@ def test_a_bump_between_all_points_is_in_the_bound(width, reaction, comm):
     posed = solved(text, comm)
     assert comm.allreduce(np.abs(posed.problem.u.x.array).max(initial=0.0)) < 1e-3
     error = math.sqrt(math.pi)  # the norm of the gradient of the bump, which is all of u
-    assert energy_bound(posed.problem, energy_terms(posed)).total < 0.1 * error
+    assert bound_by_polynomials(posed.problem, energy_terms(posed)).total < 0.1 * error
     bound = bound_of_scene(posed)
     assert error <= bound.total and bound.data >= error and not bound.sampled
 
@@ -189,7 +186,7 @@ flux = "exp(y)"
 def test_a_diffusion_that_jumps_along_mesh_lines(degree, comm):
     posed = solved(LAYERED.format(degree=degree), comm)
     bound = bound_of_scene(posed)
-    sampled = energy_bound(posed.problem, energy_terms(posed))
+    sampled = bound_by_polynomials(posed.problem, energy_terms(posed))
     assert not bound.sampled and bound.total == pytest.approx(sampled.total, rel=0.01)
 
 
@@ -252,34 +249,6 @@ def test_a_reaction_and_a_load_that_jump_along_a_fitted_line(slope, place, degre
     assert not bound.sampled and error <= bound.total <= 1.3 * error
 
 
-@pytest.mark.parametrize(
-    "load",
-    [
-        "where(x + 0.3*y < 0.52, 1, 40)",
-        "abs(x - 0.4)*sin(3*y) + where(x*y < 0.2, exp(x), 0)",
-        "max(x + y - 0.7, 0)^2 - min(y - 0.3, x^2)*where(y < 0.62, 1, -3)",
-    ],
-)
-def test_data_on_the_other_side_of_a_sliver_count(load, comm, monkeypatch):
-    """With all that is cut taken for slivers: the mean square of the difference, on a lattice."""
-    monkeypatch.setattr(known_data, "SOLVED", 1.0)
-    text, _ = wave(5, 1, 1.0, 1.0)
-    lines = [f'load = "{load}"' if line.startswith("load") else line for line in text.splitlines()]
-    known = KnownData(solved("\n".join(lines), comm))
-    shares = np.random.default_rng(1).dirichlet(np.ones(3), 4000)
-    seen, larger = 0, 0
-    parts, cut, apart = known._one_sided(known.load)
-    for cells, formula in parts:
-        points = np.tensordot(shares, known.corners[cells], (1, 1))
-        values, own = (evaluated(f.root, points) for f in (known.load, formula))
-        square = ((values - own) ** 2).mean(axis=0)
-        # Points at random: of their share in a place three standard deviations are 0.03 or less.
-        share = cut[cells]
-        assert (square <= (share + 0.03 * np.sqrt(share)) * apart[cells] ** 2).all()
-        seen, larger = seen + len(cells), larger + int((square > 0.0).sum())
-    assert seen == len(known.corners) and comm.allreduce(larger) > 5
-
-
 @pytest.mark.parametrize("degree", [1, 2])
 def test_a_diffusion_that_jumps_across_a_circle_that_the_mesh_follows(degree, comm):
     text = circle({}).text.replace("degree = 2", f"degree = {degree}")
@@ -310,7 +279,7 @@ def test_a_thin_sheet_that_conducts_badly_and_is_between_all_points(middle, comm
     text = text.replace('"exp(y)"', "1").replace("obstacle = 0", "obstacle = -9")
     posed = solved(text, comm)  # u = x but for a jump by 2
     error = math.sqrt(2.0 * half / low)
-    assert energy_bound(posed.problem, energy_terms(posed)).total < 0.1 * error
+    assert bound_by_polynomials(posed.problem, energy_terms(posed)).total < 0.1 * error
     bound = bound_of_scene(posed)
     assert error <= bound.total and not bound.sampled
 
@@ -351,7 +320,7 @@ def test_a_solution_with_a_bump_between_all_points(comm):
     text = text.replace('"1 + 0.5*sin(x + y)"', "1").replace('"exp(x)"', "0")
     posed = solved(text, comm)
     error = math.sqrt(math.pi)
-    assert energy_bound(posed.problem, energy_terms(posed)).total < 0.1 * error
+    assert bound_by_polynomials(posed.problem, energy_terms(posed)).total < 0.1 * error
     bound = bound_of_scene(posed)
     assert error <= bound.total and not bound.sampled
 

@@ -9,7 +9,7 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_signorini.scenes import load_scene, pose
-from dolfinx_signorini.scenes.proven.bounds import bound_of_scene
+from dolfinx_signorini.scenes.bounds import bound_of_scene
 
 DEMOS = Path(__file__).parents[2] / "demos" / "scenes"
 # Scenes of square, cube, polygon and file, with cells per side.

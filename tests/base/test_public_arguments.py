@@ -130,7 +130,6 @@ TABLE = {
                 signorini.EnergyTerms(load=t.x),
                 signorini.EnergyTerms(dirichlet=[(0.0, np.array([10**6]))]),
             ),
-            "rest": (None, 0.0, t.terms),
         },
     ),
     "error_norms": (

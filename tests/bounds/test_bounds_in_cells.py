@@ -14,7 +14,6 @@ from dolfinx_signorini.bounds import better_fluxes, cell_pressure, nearer
 from dolfinx_signorini.bounds.energy_bound import energy_bound
 from dolfinx_signorini.bounds.interior_point import QuadraticProgram
 from dolfinx_signorini.bounds.reference_flux import reference_flux
-from dolfinx_signorini.bounds.remainders import Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.meshes.box_meshes import box_mesh
 from dolfinx_signorini.meshes.elements import bernstein_space
@@ -142,7 +141,7 @@ def test_a_problem_that_is_hardly_solved(rtol, name, degree, comm):
 SPACE = [
     (bowl, 1, 4, 1.4),
     (bowl, 2, 4, 1.4),
-    (bowl, 3, 3, 2.6),
+    (bowl, 3, 3, 2.96),
     (ramp, 1, 4, 1.5),
     (ramp, 2, 4, 3.0),
 ]
@@ -178,7 +177,7 @@ def test_quadratic_programs(equations):
 
 
 # On one rank.
-ALONE = {1: 1.42387449, 2: 0.183276891}
+ALONE = {1: 1.42667751, 2: 0.183832803}
 
 
 @pytest.mark.parametrize("degree", ALONE)
@@ -242,19 +241,12 @@ def test_what_is_sampled_is_called_so(comm):
     facets = boundary_facets(domain)
     x = ufl.SpatialCoordinate(domain)
     load, known = fem.Constant(domain, -20.0), {"load": -20.0, "dirichlet": [(0.0, facets)]}
-    for obstacle, sampled in ((-0.5, False), (-0.5 - x[0], False), (-ufl.exp(x[0]), True)):
+    at_points = (-ufl.exp(x[0]), False), (lambda x: -np.exp(x[0]), True)
+    for obstacle, sampled in ((-0.5, False), (-0.5 - x[0], False), *at_points):
         problem = posed(domain, 1, load, fixed=[(0.0, facets)], lower=obstacle)
         problem.solve()
         bound = energy_bound(problem, EnergyTerms(**known))
         assert bound.sampled == sampled and any("obstacle" in n for n in bound.notes) == sampled
-
-
-def test_remainders_of_obstacles_on_the_boundary_are_refused(comm):
-    problem, terms, *_ = bowl(comm, 1, 4)
-    problem.solve()
-    with pytest.raises(InputError, match="obstacles that are elsewhere") as caught:
-        energy_bound(problem, terms, Remainders(obstacle=np.zeros((3, 32, 3))))
-    assert caught.value.subject == "rest"
 
 
 def test_a_bound_is_of_the_data_of_the_solve(comm):

@@ -11,8 +11,8 @@ from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.quadrature import CELL_RULE, FACET_RULE
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.scenes import pose
+from dolfinx_signorini.scenes.bounds import bound_of_scene
 from dolfinx_signorini.scenes.expectations import expect
-from dolfinx_signorini.scenes.proven.bounds import bound_of_scene
 from dolfinx_signorini.scenes.solving import solve_scene
 
 JUMP = 0.3713  # no mesh line

@@ -20,12 +20,12 @@ from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, owned_cells
 from dolfinx_signorini.problem.dirichlet import dirichlet
 from dolfinx_signorini.scenes import load_scene, solve_scene
+from dolfinx_signorini.scenes.bounds import bound_of_scene
 from dolfinx_signorini.scenes.domains.mesh_files import MeshFile
 from dolfinx_signorini.scenes.expectations import expect
 from dolfinx_signorini.scenes.output.fields import fields_of
 from dolfinx_signorini.scenes.output.pictures import draw_scene, scene_boundary
 from dolfinx_signorini.scenes.output.summary import summarise
-from dolfinx_signorini.scenes.proven.bounds import bound_of_scene
 from dolfinx_signorini.studies.tradeoff.family import Kind, scene_family
 from dolfinx_signorini.studies.tradeoff.runs import Configuration, solve_configuration
 

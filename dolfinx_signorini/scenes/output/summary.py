@@ -25,9 +25,9 @@ from dolfinx_signorini.norms.references import Reference
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.detachment import ALIKE, DetachmentPoint, detachment_points
+from dolfinx_signorini.scenes.bounds import bound_of_scene
 from dolfinx_signorini.scenes.output.pictures import boundary_beside
 from dolfinx_signorini.scenes.posing import PosedScene
-from dolfinx_signorini.scenes.proven.bounds import bound_of_scene
 from dolfinx_signorini.scenes.regularity import point_text
 from dolfinx_signorini.scenes.solving import SceneResult
 from dolfinx_signorini.solvers.motions import at_rest

@@ -1,4 +1,4 @@
-"""The diffusion of a scene as a bound needs it: polynomials, and bounds of what these miss.
+"""The diffusion as a bound needs it: polynomials, and bounds of what these miss.
 
 Where the diffusion jumps, the polynomials follow one side in each cell, and the other side is what
 the share of the cell may have where the formula chooses otherwise, see `choices`.
@@ -16,14 +16,14 @@ from ufl.core.expr import Expr
 from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.base.ranks import anywhere, function_with
 from dolfinx_signorini.bounds.cell_values import BEST
+from dolfinx_signorini.bounds.feasible import known
 from dolfinx_signorini.bounds.remainders import Remainders
-from dolfinx_signorini.bounds.strong_form import EnergyTerms, polynomial_degree
+from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.data.approximations import KINKED, followed_in_parts
 from dolfinx_signorini.data.branches import Decided, decided
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.data.matrices import eigenvalues, inverse_entries
 from dolfinx_signorini.meshes.polynomials import polynomials
-from dolfinx_signorini.scenes.files.scene import Scene
 
 DEGREES = {2: (3, 6), 3: (2, 4)}  # of the polynomials that are tried, by dimension
 # Of cells where discs tell little: 4, as for obstacles, give the same bound in five times the time.
@@ -31,22 +31,28 @@ DIVISIONS = 2
 ROUGH = 0.3  # of the diffusion: what polynomials may miss
 
 
-def with_known_diffusion(
-    terms: EnergyTerms, scene: Scene, domain: mesh.Mesh, corners: Array
+def with_enclosed_diffusion(
+    terms: EnergyTerms,
+    given: Sequence[Formula | None],
+    domain: mesh.Mesh,
+    corners: Array,
+    order: int,
 ) -> tuple[EnergyTerms, Remainders]:
     """Return the strong form with polynomials in place of the diffusion, and what these miss.
 
     Args:
         terms: The strong form.
-        scene: The scene.
+        given: The entries of the diffusion, row by row; None for one that is no formula.
         domain: The mesh; the call is collective.
         corners: The vertices of the cells of this rank, shape (cells, d + 1, d).
+        order: The degree of the solution.
 
     Returns:
-        The strong form as it is where the diffusion has no good enclosure.
+        The strong form as it is where the diffusion is constant, or has no good enclosure.
     """
-    entries = scene.diffusion_entries
-    if all(entry.constant is not None for entry in entries):
+    entries = [entry for entry in given if entry is not None]
+    constant = all(entry.constant is not None for entry in entries)
+    if constant or len(entries) < len(given):
         return terms, Remainders()
     parts = decided(entries, corners)
     least, largest, thin = _spectra(parts, corners)
@@ -55,7 +61,7 @@ def with_known_diffusion(
     inverse = [(part.cells, inverse_entries(part.formulas)) for part in parts]
     d = domain.topology.dim
     first, last = DEGREES[d]
-    for degree in (first, min(last, (BEST[d] + 2 - 2 * scene.degree) // 3)):
+    for degree in (first, min(last, (BEST[d] + 2 - 2 * order) // 3)):
         data, missed = _polynomials(domain, corners, entries, own, degree)
         inverses, inverse_missed = _polynomials(domain, corners, others, inverse, degree)
         far = (missed > KINKED * least) | (inverse_missed * least > KINKED)
@@ -65,7 +71,7 @@ def with_known_diffusion(
     rough |= ~(thin[1] > 0.0) | ~np.isfinite(largest + thin[2])
     if anywhere(domain.comm, rough):
         return terms, Remainders()  # the notes of a bound tell
-    n = len(scene.diffusion)
+    n = math.isqrt(len(entries))
     matrix = data[0] if n == 1 else as_matrix([data[n * i : n * i + n] for i in range(n)])
     return replace(terms, diffusion=matrix), Remainders(
         diffusion=missed,
@@ -108,8 +114,9 @@ def _polynomials(
     missed = np.zeros((len(corners), len(entries)))
     d = domain.topology.dim
     for k, entry in enumerate(entries):
-        if is_polynomial(entry, domain, 2 * DEGREES[d][0]):
-            data.append(entry.ufl(SpatialCoordinate(domain)))
+        expression = entry.ufl(SpatialCoordinate(domain))
+        if known(expression, 2 * DEGREES[d][0]):
+            data.append(expression)
             continue
         coefficients = np.zeros((len(corners), math.comb(degree + d, d)))
         for cells, formulas in parts:
@@ -130,9 +137,3 @@ def cell_function(domain: mesh.Mesh, coefficients: Array, degree: int) -> fem.Fu
     space = fem.functionspace(domain, ("DG", degree))
     table = polynomials(domain.topology.dim, degree, space.element.basix_element.points)
     return function_with(space, space.dofmap.list[: len(coefficients)], coefficients @ table)
-
-
-def is_polynomial(formula: Formula, domain: mesh.Mesh, most: int) -> bool:
-    """Return whether a formula is a polynomial of at most some degree."""
-    degree = polynomial_degree(formula.ufl(SpatialCoordinate(domain)))
-    return degree is not None and degree <= most

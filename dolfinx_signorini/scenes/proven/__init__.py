@@ -1,1 +1,0 @@
-"""Data of the proven energy bound, from the formulas of a scene."""
