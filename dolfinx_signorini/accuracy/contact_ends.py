@@ -100,9 +100,10 @@ def unknown_ends(solved: Solved, dual: Dual | None) -> Array:
     error was 0.125, 0.054, 0.029 and 0.019 p h^2 with k from 1 to 4 in the Bernstein basis. The
     derivative is off by up to p h / 2, the gap across the cell over its width.
 
-    In a sup norm one cell has the error of the norm. In other norms cells at the end are few, and
-    their errors cancel, unless all of them are off in one way, as along a line of the mesh: they
-    count by what their ends have in common. A dual solution weighs them by the forces that hold it.
+    Where the end has moved with the division of a cell, the difference of both solutions shows the
+    error, and where the end has stayed, the error is unseen. In a sup norm both count. Dual
+    solutions weigh the ends by the forces that hold them; errors of functionals have signs, and
+    cancel unless all ends stay, or all move, as along a line of the mesh.
     """
     norm, zone = solved.target.norm, solved.fine.zones[0]  # cells come first
     if not zone.in_domain:
@@ -111,8 +112,11 @@ def unknown_ends(solved: Solved, dual: Dual | None) -> Array:
     ends = touching.any(axis=1) & ~touching.all(axis=1)
     across = zone.gap.x.array[dofs[ends]].max(axis=1, initial=0.0)
     off = across / (4.0 * zone.space.element.basix_element.degree)
-    if norm is None or norm.derivatives or not math.isinf(norm.p):
-        off *= _in_common(solved, cells, touching)
+    stayed, share = _stayed(solved, cells, touching)
+    if norm is None:
+        off *= abs(2.0 * share - 1.0)
+    elif norm.derivatives or not math.isinf(norm.p):
+        off *= stayed[ends]
     parts = np.zeros(len(solved.parents))
     if dual is not None:
         around = summed(zone.space.dofmap.index_map, dofs[ends])
@@ -127,16 +131,22 @@ def unknown_ends(solved: Solved, dual: Dual | None) -> Array:
     return solved.in_norm(solved.unit * parts)
 
 
-def _in_common(solved: Solved, cells: LocalIndices, touching: npt.NDArray[np.bool_]) -> float:
-    """How far the ends of contact in the domain have moved in one way with the division of cells.
+def _stayed(
+    solved: Solved, cells: LocalIndices, touching: npt.NDArray[np.bool_]
+) -> tuple[npt.NDArray[np.bool_], float]:
+    """Where no end of contact in the domain has moved with the division, and on which share.
 
-    Ends that lie anywhere in cells move in half of the cells when all cells are divided: the result
-    is then 0. If all ends stay, or all move, the result is 1. The call is collective.
+    Ends that lie anywhere in cells move in half of the cells when all cells are divided. The call
+    is collective.
 
     Args:
         solved: The two solutions.
         cells: The owned cells of the divided mesh that have an obstacle.
         touching: Whether their dofs are in contact.
+
+    Returns:
+        For each of these cells whether the undivided cell around it is in contact as its parts are,
+        and the share of the undivided cells with an end in which no end has moved.
     """
     coarse, comm = solved.coarse.forces, solved.fine.comm
     held = coarse.x.array[coarse.function_space.dofmap.list[: solved.count]] != 0.0
@@ -145,7 +155,7 @@ def _in_common(solved: Solved, cells: LocalIndices, touching: npt.NDArray[np.boo
     moved[parents[touching.all(axis=1) != whole[parents]]] = True
     mixed = held.any(axis=1) & ~whole
     count, ends = comm.allreduce(np.array([moved.sum(), mixed.sum()]))
-    return float(abs(1.0 - 2.0 * min(count / ends, 1.0))) if ends else 1.0
+    return ~moved[parents], 1.0 - min(count / ends, 1.0) if ends else 1.0
 
 
 def contact_on_entities(

@@ -1,7 +1,8 @@
 """Negative contact pressure inside of facets: gaps that are narrower than the distance of nodes.
 
 An obstacle pushes and never pulls. The forces on the dofs in contact are not negative, and yet the
-density of the pressure may be negative between the dofs: there the contact set has a gap that is
+density of the pressure, with the sign of the obstacle that holds a facet, may be negative between
+the dofs: there the contact set has a gap that is
 narrower than the distance of the dofs. Two solutions that both hold the facet do not show the gap.
 If the density is -q on a part of the length 2 a, the solution leaves the obstacle by up to q a, as
 a crack of this length is opened by the mean stress q, and its derivatives are wrong by about the
@@ -32,7 +33,7 @@ from dolfinx_signorini.accuracy.contact_ends import (
 )
 from dolfinx_signorini.accuracy.terms import Dual, Solved
 from dolfinx_signorini.base import compiled
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.ranks import anywhere, highest, marked
 from dolfinx_signorini.base.tolerances import SOLVED
@@ -57,11 +58,13 @@ def negative_pressure(solved: Solved, dual: Dual | None) -> Array:
     dim = domain.topology.dim
     pairs, dofs, touching = contact_on_entities(zone)
     fixed = marked(space, zone.held_nodes)[dofs]
-    held = touching.any(axis=1) & ~fixed.any(axis=1)
+    upper, both = _held_from_above(zone, dofs)
+    held = touching.any(axis=1) & ~fixed.any(axis=1) & ~both
     if not anywhere(problem.comm, held):
         return np.zeros((2, solved.count))
     lattice = facet_lattice(space)
     (pressure,) = Points(domain, pairs[held], lattice).values(pressure_density(zone))
+    pressure = np.where(upper[held, None], -pressure, pressure)
     negative = pressure < 0.0
     lack = np.maximum(-pressure, 0.0)
     largest, share = lack.max(axis=1, initial=0.0), negative.mean(axis=1)
@@ -82,6 +85,18 @@ def negative_pressure(solved: Solved, dual: Dual | None) -> Array:
         parts *= width ** ((dim - norm.boundary) / norm.p)
     parts *= solved.unit * _compliance(solved)
     return solved.in_norm(collected(parts, pairs[held, 0], len(solved.parents), norm.p))
+
+
+def _held_from_above(zone: Contact, dofs: LocalIndices) -> tuple[Mask, Mask]:
+    """Whether the second one of two obstacles holds a facet, and whether both do, by their dofs.
+
+    Between two obstacles the pressure of the upper one is negative.
+    """
+    if len(zone.obstacles) < 2:
+        return (np.zeros(len(dofs), dtype=bool),) * 2
+    space = zone.normal_forces.function_space
+    lower, upper = (marked(space, active)[dofs].any(axis=1) for active in zone.active_sides)
+    return np.asarray(upper), np.asarray(lower & upper)
 
 
 def _compliance(solved: Solved) -> float:

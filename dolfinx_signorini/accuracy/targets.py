@@ -155,8 +155,9 @@ def checked_target(target: Target, space: fem.FunctionSpace) -> Target:
         space: The space.
 
     Raises:
-        InputError: The functional is not linear, not finite, or 0 for all functions of the space;
-            the quantity is not one of the first derivatives alone, or not linear.
+        InputError: The functional is not linear, has derivatives of higher order, is not finite, or
+            0 for all functions of the space; the quantity is not one of the first derivatives
+            alone, or not linear.
     """
     if target.of is not None:
         _check_quantity(target.of, space)
@@ -165,6 +166,8 @@ def checked_target(target: Target, space: fem.FunctionSpace) -> Target:
     form = target.functional(ufl.TestFunction(space))
     values = np.zeros(0)
     if not form.empty():
+        for part in form.integrals():
+            _check_derivatives(part.integrand(), "norm")
         compiled.check_linear(form, "norm")
         vector = fem.assemble_vector(compiled.form(form, "norm"))
         vector.scatter_reverse(la.InsertMode.add)
@@ -184,11 +187,17 @@ def _check_quantity(of: Quantity, space: fem.FunctionSpace) -> None:
     found = quantity_of(of, v)
     if not extract_type(found, ufl.Argument):
         raise InputError("does not depend on the function", "of")
-    slopes = extract_type(found, ufl.classes.Derivative)
-    if any(extract_type(slope.ufl_operands[0], ufl.classes.Derivative) for slope in slopes):
-        raise InputError("has derivatives of higher order; first ones are known", "of")
+    _check_derivatives(found, "of")
     compiled.check_linear(sum(components(found)) * ufl.dx, "of")
     slope = ufl.grad(v)
     flat = ufl.replace(found, {slope: ufl.classes.Zero(slope.ufl_shape)})
     if extract_type(flat, ufl.Argument):
         raise InputError("must depend on derivatives alone, and not on values", "of")
+
+
+def _check_derivatives(expression: Expr, name: str) -> None:
+    """Refuse derivatives of higher order of the function, which has a kink between any cells."""
+    for slope in extract_type(expression, ufl.classes.Derivative):
+        inner = extract_type(slope.ufl_operands[0], ufl.classes.Derivative)
+        if any(extract_type(each, ufl.Argument) for each in inner):
+            raise InputError("has derivatives of higher order; first ones are known", name)

@@ -2,14 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Protocol, TypeVar
 
 import numpy as np
 from dolfinx import fem
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask, by_place
-from dolfinx_signorini.base.ranks import highest, marked
+from dolfinx_signorini.base.ranks import function_with, highest, marked
 from dolfinx_signorini.base.tolerances import ROUNDING, SIX_DIGITS
+from dolfinx_signorini.meshes.components import components
 from dolfinx_signorini.meshes.elements import (
     determined,
     facet_dofs,
@@ -108,7 +110,7 @@ class ContactBoundary:
     Attributes:
         points: Coordinates of the contact dofs, shape (points, dimension), sorted.
         values: u, gap and pressure density there, shape (points, 3); the pressure is NaN where it
-            is not known, see `known_pressure`.
+            is not known, see `Touching`.
         pieces: The facets as indices of points, shape (pieces, dimension); in the plane a facet is
             as many pieces as its degree.
         touching: Whether u is (but for rounding) at the obstacle there.
@@ -248,41 +250,61 @@ def gather_contact_boundary(
     return _gathered(ContactBoundary, problem, used, pieces, named[owners], tuple(sides))
 
 
-def range_of(contact: Solved) -> float:
-    """Return the range of u at the dofs with an obstacle; collective.
+@dataclass(frozen=True)
+class Touching:
+    """Where u is at the obstacle, as the dofs of this rank tell; the call is collective:
+
+        touching = determined(contact.space, Touching(contact).nodes)
 
     The size of u depends on its origin, which is anyone's choice where no reaction has another one.
+    What is small is told by the range of u on the obstacle, for each connected part of the mesh:
+    one body says nothing about another one.
 
     Args:
         contact: The solved problem.
     """
-    values = contact.u.x.array[contact.obstacle_nodes]
-    ends = np.stack([-values, values]).max(axis=1, initial=-np.inf)
-    ends = np.max(contact.space.mesh.comm.allgather(ends), axis=0)
-    return float(max(ends.sum(), 0.0))
 
+    contact: Solved
 
-def touching_nodes(contact: Solved) -> Mask:
-    """Tell at which dofs of this rank the gap vanishes but for rounding; collective.
+    @cached_property
+    def parts(self) -> Indices:
+        """The number of the part of the mesh that each dof belongs to."""
+        space, own = self.contact.space, components(self.contact.space).numbers
+        numbers = function_with(space, np.arange(len(own)), own)
+        return np.rint(numbers.x.array).astype(np.int64)
 
-    Args:
-        contact: The solved problem.
-    """
-    size = highest(contact.space.mesh.comm, np.abs(contact.u.x.array))
-    return contact.gap.x.array <= max(SIX_DIGITS * range_of(contact), ROUNDING * size)
+    @cached_property
+    def ranges(self) -> Array:
+        """The range of u on the obstacle of the part of the mesh that each dof belongs to."""
+        comm, nodes = self.contact.space.mesh.comm, self.contact.obstacle_nodes
+        count = 1 + max(comm.allgather(self.parts.max(initial=-1)))
+        ends, values = np.full((2, count), -np.inf), self.contact.u.x.array[nodes]
+        for found, u in zip(ends, (-values, values), strict=True):
+            np.maximum.at(found, self.parts[nodes], u)
+        sums = np.max(comm.allgather(ends), axis=0).sum(axis=0)
+        return np.asarray(np.maximum(sums, 0.0)[self.parts])
 
+    @cached_property
+    def fixed(self) -> Mask:
+        """Whether Dirichlet data hold a dof."""
+        return marked(self.contact.space, self.contact.fixed_dofs)
 
-def known_pressure(contact: Solved) -> Mask:
-    """Tell at the places of which dofs the pressure is known; collective.
+    @cached_property
+    def nodes(self) -> Mask:
+        """Whether the gap vanishes but for rounding; of Dirichlet data, but for six digits."""
+        gap, u = self.contact.gap.x.array, self.contact.u.x.array
+        tiny = ROUNDING * highest(self.contact.space.mesh.comm, np.abs(u))
+        return gap <= np.maximum(np.where(self.fixed, SIX_DIGITS, 0.0) * self.ranges, tiny)
 
-    Where Dirichlet data lie at the obstacle, the force is that of the data, of which nobody knows
-    the share of the obstacle; in the Bernstein basis it has a share in the values on whole facets.
+    @cached_property
+    def known_pressure(self) -> Mask:
+        """Whether the pressure is known at the place of a dof.
 
-    Args:
-        contact: The solved problem.
-    """
-    fixed = marked(contact.space, contact.fixed_dofs)
-    return determined(contact.space, ~(fixed & touching_nodes(contact)))
+        Where Dirichlet data lie at the obstacle, the force is that of the data, of which nobody
+        knows the share of the obstacle; in the Bernstein basis it has a share in the values on
+        whole facets.
+        """
+        return determined(self.contact.space, ~(self.fixed & self.nodes))
 
 
 def _gathered(
@@ -305,12 +327,14 @@ def _gathered(
         sides: The number of the side of each piece.
         names: The names of the sides.
     """
-    space, known = problem.space, known_pressure(problem)
-    touching, size = determined(space, touching_nodes(problem)), range_of(problem)
+    space, told = problem.space, Touching(problem)
+    touching = determined(space, told.nodes)
     fields = problem.u.x.array, problem.gap.x.array, problem.pressure.x.array
     values, gap, pressure = (values_at_control_points(space, f)[used] for f in fields)
-    pressure[~known[used]] = np.nan
-    columns = np.stack((values, gap, pressure, touching[used].astype(np.float64)), axis=1)
+    pressure[~told.known_pressure[used]] = np.nan
+    marks = touching[used].astype(np.float64)
+    of_part = told.ranges[used], told.parts[used].astype(np.float64)
+    columns = np.column_stack((values, gap, pressure, marks, *of_part))
     found = gathered(space, used, columns, pieces, sides)
     if found is None:
         return None
@@ -323,6 +347,10 @@ def _gathered(
     widths = np.linalg.norm(points[corners[:, 1]] - points[corners[:, 0]], axis=1)
     extent = float(np.ptp(points, axis=0).max())
     points[np.abs(points) < ROUNDING * extent] = 0.0
-    clear = values[:, 1] > CLEAR * size * (float(widths.max()) / extent) ** 1.5
-    told = problem.sign < 0.0, problem.unknown
-    return kind(points, values[:, :3], corners, values[:, 3] > 0.0, clear, *told, names, sides)
+    clear = np.zeros(len(points), dtype=bool)
+    for part in np.unique(values[:, 5]):
+        own = values[:, 5] == part
+        length = widths[own[corners[:, 0]]].max() / np.ptp(points[own], axis=0).max()
+        clear[own] = values[own, 1] > CLEAR * values[own, 4] * length**1.5
+    named = problem.sign < 0.0, problem.unknown, names, sides
+    return kind(points, values[:, :3], corners, values[:, 3] > 0.0, clear, *named)

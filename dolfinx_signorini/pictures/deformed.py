@@ -18,7 +18,7 @@ from dolfinx_signorini.data.node_values import (
 )
 from dolfinx_signorini.meshes.elements import determined, values_at_control_points
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, owned_facets
-from dolfinx_signorini.pictures.contact_boundary import AlongDirection, touching_nodes
+from dolfinx_signorini.pictures.contact_boundary import AlongDirection, Touching
 from dolfinx_signorini.pictures.palette import IN_CONTACT
 from dolfinx_signorini.pictures.picture import Picture
 from dolfinx_signorini.pictures.problem_pictures import draw_plane, draw_solid, fitting_height
@@ -100,7 +100,7 @@ def _gather_boundary(
     That is the displacement, the direction to the obstacle, the distance of both at rest, and
     whether they touch.
     """
-    touching = determined(space, touching_nodes(contact))
+    touching = determined(space, Touching(contact).nodes)
     distance = values_at_control_points(space, contact.distance.x.array)
     directions = contact.directions.x.array.reshape(moved.shape)  # no coefficients, in any basis
     rows = np.column_stack((moved, directions, distance, touching))

@@ -4,6 +4,7 @@ The system is made once, and again from the parts whose data have changed.
 """
 
 import functools
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -19,7 +20,7 @@ from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.changed_values import Watch
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.petsc import destroy
-from dolfinx_signorini.base.ranks import anywhere
+from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.base.sums_of_squares import is_sum_of_squares
 from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.base.tolerances import FAR
@@ -27,7 +28,7 @@ from dolfinx_signorini.problem import checks, held
 from dolfinx_signorini.problem.constraint import Constraint
 from dolfinx_signorini.problem.directions import Directions, scalar_space
 from dolfinx_signorini.problem.values import evaluator
-from dolfinx_signorini.solvers.components import Loose
+from dolfinx_signorini.solvers.loose import Loose
 from dolfinx_signorini.solvers.system import Layout, System
 
 
@@ -107,7 +108,8 @@ class Assembly:
             self._due = False, False  # whether matrix and load are to be assembled again
 
     def _look_up(self) -> None:
-        """Find where the obstacles are evaluated."""
+        """Find where the obstacles are evaluated, on the mesh as it is now."""
+        self._places = self._digest_of_places()
         space, dofs = self.layout.nodal, self.zone_dofs
         self._obstacles_at = [evaluator(space, g.data, dofs[k], g.name) for k, g in self._given]
 
@@ -134,12 +136,13 @@ class Assembly:
 
         Args:
             old: The system so far.
-            matrix: Assemble matrix and load in any case, on a mesh that may have moved.
+            matrix: Assemble matrix and load in any case, as on a mesh that has moved.
 
         Raises:
             InputError: The data make no sense, see `SignoriniProblem`. The entries of the old
                 system are lost then, and the next call assembles all of them again.
         """
+        matrix = matrix or self._has_moved()
         if matrix:  # the shares of the boundary and the places of the dofs are others
             self.layout, self._due = replace(self.layout), (True, True)
             self._look_up()
@@ -179,10 +182,19 @@ class Assembly:
         """Return whether data are others than those of the last system; collective."""
         fresh = self._changed()
         self._due = self._due[0] or fresh[0], self._due[1] or any(fresh)
+        if self._has_moved():
+            return True
         data = _dirichlet_values(self.layout.space, self.bcs, self.layout.fixed_dofs)
         now = [data, *(at() for at in self._obstacles_at)]
         same = all(np.array_equal(*both) for both in zip(self._read, now, strict=True))
         return any(self._due) or anywhere(self.comm, not same)
+
+    def _has_moved(self) -> bool:
+        """Return whether the mesh has moved since the places of the dofs were found; collective."""
+        return anywhere(self.comm, self._places != self._digest_of_places())
+
+    def _digest_of_places(self) -> int:
+        return zlib.crc32(self.layout.space.mesh.geometry.x.view(np.uint8).data)
 
     def _changed(self) -> tuple[bool, bool]:
         """Whether data of a and of L have changed since this was asked; collective."""
@@ -200,13 +212,17 @@ class Assembly:
             checks.check_finite(layout.nodal, self.zone_dofs[zone], found, each.name)
         if self.directions is not None:
             ((_, each),), (gaps,) = self._given, self._values
-            self.obstacles = [self.directions.bounds(gaps, data, each.name)]
+            upper = [(-1.0, gaps / self.directions.lengths)]
+            size = functools.partial(self._size_of_solution, data, upper)
+            self.obstacles = [self.directions.bounds(gaps, data, each.name, size)]
             self._read = read
             return self.obstacles[0][layout.free], data
+        signed = [(each.sign, v) for (_, each), v in zip(self._given, read[1:], strict=True)]
+        size = functools.partial(self._size_of_solution, data, signed)
         for k, (zone, each) in enumerate(self._given):
             known = self.zone_dofs[zone], self._values[k], data
-            self._values[k] = checks.clamped(layout, each, *known, self._reach)
-        self.obstacles = checks.apart(layout, self._tightest(), self._upper_name)
+            self._values[k] = checks.clamped(layout, each, *known, size)
+        self.obstacles = checks.apart(layout, self._tightest(), self._upper_name, size)
         self._read = read
         return np.concatenate([found[layout.free] for found in self.obstacles]), data
 
@@ -238,8 +254,24 @@ class Assembly:
         both = zip(self._given, self._values, strict=True)
         return [values for (number, _), values in both if number == zone]
 
-    def _reach(self) -> float:
-        """Return about how large the solution is without any bounds, up to a power of the size."""
+    def _size_of_solution(self, data: Array, obstacles: Sequence[tuple[float, Array]]) -> float:
+        """Return about how large the solution is, up to a power of the size of the domain.
+
+        The solution is as large as Dirichlet data and load make it, or as obstacles push. An
+        obstacle that nothing reaches says nothing, unless there are neither data nor load.
+
+        Args:
+            data: The Dirichlet data; the call is collective.
+            obstacles: The sign and the values of each obstacle.
+        """
+        size = max(highest(self.comm, np.abs(data)), self._size_by_load())
+        if size > 0.0:
+            pushed = (highest(self.comm, sign * values) for sign, values in obstacles)
+            return max(size, *pushed)
+        return max(highest(self.comm, np.abs(values)) for _, values in obstacles)
+
+    def _size_by_load(self) -> float:
+        """Return about how large the solution is without any bounds or data."""
         A, b = fem_petsc.assemble_matrix(self._a), fem_petsc.assemble_vector(self._L)
         A.assemble()
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)

@@ -587,8 +587,8 @@ class BoundConstrainedProblem(OnContact):
         that are refused may be mended: the next call checks all data again.
 
         Args:
-            matrix: Assemble matrix and load in any case, for example because the mesh has moved:
-                changed values in the form a are noticed by themselves.
+            matrix: Assemble matrix and load in any case. Changed values in the form a, and a mesh
+                that has moved, are noticed by themselves.
 
         Raises:
             InputError: The changed data make no sense.

@@ -25,7 +25,7 @@ from dolfinx_signorini.meshes.elements import (
 from dolfinx_signorini.meshes.sided_meshes import box
 from dolfinx_signorini.problem.arguments import SCOPE
 from dolfinx_signorini.problem.constraint import Obstacle
-from dolfinx_signorini.solvers.components import Loose
+from dolfinx_signorini.solvers.loose import Loose
 from dolfinx_signorini.solvers.system import Layout, System
 
 HATS = 200  # nodes of the grid of `check_definite`, about
@@ -40,7 +40,10 @@ def check_finite(space: fem.FunctionSpace, dofs: LocalIndices, values: Array, na
 
 
 def apart(
-    layout: Layout, obstacles: Sequence[Array], upper_name: Callable[[int], str]
+    layout: Layout,
+    obstacles: Sequence[Array],
+    upper_name: Callable[[int], str],
+    size: Callable[[], float],
 ) -> list[Array]:
     """Return obstacles with an upper one nowhere below the lower one; refuse one far below.
 
@@ -52,6 +55,7 @@ def apart(
         layout: The dofs with an obstacle.
         obstacles: One obstacle at these dofs, or the lower and the upper one; collective.
         upper_name: Returns the name of the upper obstacle at one of these dofs.
+        size: Tells about the size of the solution; asked for only where values are out of order.
 
     Raises:
         InputError: The subject is the name of the upper obstacle.
@@ -61,11 +65,11 @@ def apart(
     comm, (lower, upper) = layout.space.mesh.comm, obstacles
     if not anywhere(comm, lower > upper):
         return list(obstacles)
-    size = highest(comm, np.minimum(np.abs(lower), np.abs(upper)))  # no dof has neither
+    tiny = ROUNDING * (size() or highest(comm, np.minimum(np.abs(lower), np.abs(upper))))
     dofs = layout.obstacle_dofs
     low, high = (_values_at_nodes(layout.space, dofs, obstacle)[dofs] for obstacle in obstacles)
     refusal: tuple[str, str] | None = None
-    for k in np.flatnonzero(low - high > ROUNDING * size)[:1]:
+    for k in np.flatnonzero(low - high > tiny)[:1]:
         where = place(layout.space, layout.obstacle_dofs[k])
         message = f"{high[k]:.6g} lies below the lower obstacle {low[k]:.6g} at {where}"
         refusal = message, upper_name(int(k))
@@ -87,14 +91,13 @@ def clamped(
     dofs: LocalIndices,
     obstacle: Array,
     data: Array,
-    reach: Callable[[], float],
+    size: Callable[[], float],
 ) -> Array:
     """Return an obstacle, moved to those Dirichlet data that lie beyond; refuse data far beyond.
 
-    Data may lie beyond the obstacle by as much as rounding: 1e-12 of the largest datum, or of the
-    size of the solution. In the Bernstein basis values are compared, for coefficients may lie
-    beyond where the data do not. Interpolants of the two may cross between the vertices, which is
-    told and not refused.
+    Data may lie beyond the obstacle by as much as rounding: 1e-12 of the size of the solution. In
+    the Bernstein basis values are compared, for coefficients may lie beyond where the data do not.
+    Interpolants of the two may cross between the vertices, which is told and not refused.
 
     Args:
         layout: The dofs with an obstacle and those with Dirichlet data.
@@ -102,7 +105,7 @@ def clamped(
         dofs: The dofs that have the obstacle.
         obstacle: The obstacle at these dofs.
         data: The Dirichlet data at their dofs.
-        reach: Tells about the size of the solution; asked for only where data lie beyond.
+        size: Tells about the size of the solution; asked for only where data lie beyond.
 
     Raises:
         InputError: The subject is the name of the obstacle.
@@ -121,8 +124,7 @@ def clamped(
     beyond = given.sign * (own - known)
     if not anywhere(comm, beyond > 0.0):
         return moved
-    size = max(highest(comm, np.abs(obstacle)), highest(comm, np.abs(data)), reach())
-    far, beside = beyond > ROUNDING * size, "below" if upper else "above"
+    far, beside = beyond > ROUNDING * size(), "below" if upper else "above"
     known_there = everywhere | _at_vertices(space, dofs[i])
     message = ""
     for k in np.flatnonzero(far & known_there)[:1]:

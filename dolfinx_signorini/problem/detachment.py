@@ -22,7 +22,7 @@ from dolfinx_signorini.base.kinds import check
 from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING
 from dolfinx_signorini.meshes.elements import control_points, facet_pieces, values_at_control_points
 from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT
-from dolfinx_signorini.pictures.contact_boundary import range_of
+from dolfinx_signorini.pictures.contact_boundary import Touching
 from dolfinx_signorini.problem.contact import ContactProblem
 from dolfinx_signorini.problem.contact_zones import ContactZone
 from dolfinx_signorini.problem.signorini import SignoriniProblem, one_sided
@@ -52,8 +52,8 @@ class DetachmentPoint:
             most the distance of two dofs. Without an extrapolation this distance, and from degree
             3 on the length of a facet, whose dofs tell only together where contact ends.
         strength: The gap on one side and the pressure on the other, the smaller of the two,
-            relative to the largest on the whole contact boundary; the gap of an elastic body, to
-            its largest displacement if that is smaller.
+            relative to the largest on the contact boundary of its part of the mesh; the gap, to the
+            range of u there if that is smaller.
     """
 
     position: tuple[float, ...]
@@ -85,10 +85,15 @@ def detachment_points(
     comm = problem.space.mesh.comm
     plane = problem.space.mesh.topology.dim == 2
     require(comm, plane, "must be one in the plane", "problem")
-    edges, gap, density, values = _boundary_table(problem)
-    moved = np.inf
-    if isinstance(problem, ContactProblem):  # sides bend away from an obstacle by much more
-        moved = range_of(problem.along_direction)
+    degree = problem.space.element.basix_element.degree
+    points = [p for table in _boundary_tables(problem) for p in _points_of(degree, *table)]
+    return sorted(points, key=_rank)
+
+
+def _points_of(
+    degree: int, edges: Array, gap: Array, density: Array, values: Array, moved: float
+) -> list[DetachmentPoint]:
+    """The points of a connected part of the mesh, by its table, see `_boundary_tables`."""
     largest = min(float(gap.max(initial=0.0)), moved), float(density.max(initial=0.0))
     if min(largest) <= 0.0:
         return []
@@ -106,7 +111,7 @@ def detachment_points(
             float(field.ravel()[around].max()) / scale
             for field, scale in zip((gap, density), largest, strict=True)
         ]
-        strength, near = min(shares), min(radius / (AWAY * size), 1.0)
+        strength, near = min(*shares, 1.0), min(radius / (AWAY * size), 1.0)
         if min(shares[0] / near**DETACHMENT_EXPONENT, shares[1] / near**0.5) >= SIGNIFICANT:
             point = DetachmentPoint(tuple(map(float, middle)), float(length), strength)
             found.append((point, radius, end))
@@ -116,7 +121,7 @@ def detachment_points(
         place = candidate[0].position
         if all(np.linalg.norm(np.subtract(place, p.position)) > r for p, r, _ in kept):
             kept.append(candidate)
-    points, degree = [], problem.space.element.basix_element.degree
+    points = []
     for point, _, end in sorted(kept, key=lambda f: _rank(f[0])):
         inside, outside = edges[end] if gap[end, 0] <= 0.0 else edges[end, ::-1]
         placed = _extrapolated(point, inside, outside, nodes, values.ravel())
@@ -196,20 +201,26 @@ def _with_one_obstacle(value: Any) -> str:
     return "" if isinstance(value, ContactProblem) else one_sided(value)
 
 
-def _boundary_table(
+def _boundary_tables(
     problem: SignoriniProblem | ContactProblem | ContactZone,
-) -> tuple[Array, Array, Array, Array]:
+) -> list[tuple[Array, Array, Array, Array, float]]:
     """All edges between neighbouring contact dofs, with gap and pressure density at both ends.
 
     Returns:
-        The same on all ranks: ends, shape (edges, 2, 2); then of shape (edges, 2) the gaps and the
-        densities of the dofs, and the values of the gap at their places.
+        The same on all ranks, for each connected part of the mesh: ends, shape (edges, 2, 2); then
+        of shape (edges, 2) the gaps and the densities of the dofs, and the values of the gap at
+        their places; and the range of u. Sides bend away from an obstacle by much more than that.
     """
-    left, density = problem.gap, problem.pressure
+    left, density, told = problem.gap, problem.pressure, Touching(problem.along_direction)
     space, gap, pressure = left.function_space, left.x.array, density.x.array
     values = values_at_control_points(space, gap)
     edges, _ = facet_pieces(space, problem.owned_entities)
-    x = control_points(space)[:, :2]
-    table = np.hstack([x[edges].reshape(-1, 4), gap[edges], pressure[edges], values[edges]])
+    x, first = control_points(space)[:, :2], edges[:, 0]
+    columns = gap[edges], pressure[edges], values[edges], told.ranges[first], told.parts[first]
+    table = np.column_stack([x[edges].reshape(-1, 4), *columns])
     table = np.concatenate(space.mesh.comm.allgather(table))
-    return table[:, :4].reshape(-1, 2, 2), table[:, 4:6], table[:, 6:8], table[:, 8:]
+    parts = [table[table[:, 11] == number] for number in np.unique(table[:, 11])]
+    return [
+        (t[:, :4].reshape(-1, 2, 2), t[:, 4:6], t[:, 6:8], t[:, 8:10], float(t[0, 10]))
+        for t in parts
+    ]

@@ -16,8 +16,9 @@ from dolfinx import fem
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.changed_values import data_in, digest_of
 from dolfinx_signorini.base.errors import InputError, require
-from dolfinx_signorini.base.ranks import summed
+from dolfinx_signorini.base.ranks import anywhere, summed
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 from dolfinx_signorini.meshes.elements import facet_dofs
 from dolfinx_signorini.meshes.points import Points
@@ -38,7 +39,7 @@ class Directions:
     An obstacle at the gap g and Dirichlet data give upper bounds on the turned dofs:
 
         directions = Directions(space, nodal, facets, nodes, fixed, direction)
-        bounds = directions.bounds(gaps, data, "gap")
+        bounds = directions.bounds(gaps, data, "gap", lambda: 1.0)
 
     Args:
         space: The vector space.
@@ -72,6 +73,8 @@ class Directions:
         size, owned = space.dofmap.bs, nodal.dofmap.index_map.size_local
         self._fixed = fixed
         self.parts = () if direction is None else _parts(direction, size)
+        self._data = data_in(direction) if isinstance(direction, Expr) else []
+        self._digest = digest_of(self._data)
         if direction is None:
             vectors = _normals(nodal, facets)[nodes]
         else:
@@ -92,27 +95,35 @@ class Directions:
         self._nodes = nodes
         self.frame = Frame(nodal, nodes[free], turns[free], free)
 
-    def bounds(self, gaps: Array, data: Array, name: str) -> Array:
+    def bounds(
+        self, gaps: Array, data: Array, name: str, size_of_solution: Callable[[], float]
+    ) -> Array:
         """Return the bounds on the turned dofs, one for each node.
 
         Args:
             gaps: The gap g at each node.
             data: The Dirichlet data at the fixed dofs; collective.
             name: The name of the argument that gave the gap.
+            size_of_solution: Tells about the size of the solution; asked for only where data lie
+                beyond.
 
         Raises:
-            InputError: Dirichlet data alone lie beyond the obstacle.
+            InputError: Dirichlet data alone lie beyond the obstacle, or a value in the direction
+                has changed.
         """
         nodal, size = self.frame.nodal, self.units.shape[1]
+        same = digest_of(self._data) == self._digest
+        message = "has changed values: a problem keeps the directions of its start; pose a new one"
+        require(nodal.mesh.comm, same, message, "direction")
         values = np.zeros(nodal.dofmap.index_map.size_local * size)
         values[self._fixed] = data
         known = np.where(self._held, values.reshape(-1, size)[self._nodes], 0.0)
         scaled = gaps / self.lengths
         left = scaled - np.einsum("ni,ni->n", self.units, known)
         free = self.frame.free
-        size_of_data = max(np.abs(known).max(initial=0.0), np.abs(scaled).max(initial=0.0))
-        beyond = ~free & (left < -ROUNDING * size_of_data)
-        message = ""
+        beyond, message = ~free & (left < 0.0), ""
+        if anywhere(nodal.mesh.comm, beyond):
+            beyond &= left < -ROUNDING * size_of_solution()
         for k in np.flatnonzero(beyond)[:1]:
             message = (
                 f"{gaps[k]:.6g} lies below the Dirichlet data at {place(nodal, self._nodes[k])}"

@@ -37,7 +37,7 @@ from dolfinx_signorini.base.tolerances import (
     TINY,
 )
 from dolfinx_signorini.meshes.sided_meshes import box
-from dolfinx_signorini.solvers.components import Loose
+from dolfinx_signorini.solvers.loose import Loose
 from dolfinx_signorini.solvers.motions import motions_of, owned_places
 from dolfinx_signorini.solvers.system import Layout, System
 

@@ -27,10 +27,11 @@ from dolfinx_signorini.base import kernels
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.tolerances import FAR
+from dolfinx_signorini.meshes.components import Components, components
 from dolfinx_signorini.meshes.sided_meshes import facet_cells
-from dolfinx_signorini.solvers.components import Components, Loose, components
 from dolfinx_signorini.solvers.densities import Densities
 from dolfinx_signorini.solvers.frames import Frame
+from dolfinx_signorini.solvers.loose import Loose
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,20 @@
 """Ends of the contact set: where they are, and how fast the solution is approximated there."""
 
+import math
+
 import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
 
-from dolfinx_signorini import SignoriniProblem, bernstein_space, christof_haubner
+from dolfinx_signorini import (
+    ObstacleProblem,
+    SignoriniProblem,
+    bernstein_space,
+    christof_haubner,
+    dirichlet,
+    solve_adaptively,
+)
 from dolfinx_signorini.accuracy.cells import cell_norms
 from dolfinx_signorini.accuracy.contact_ends import cells_at_contact_ends, rate_at_ends
 from dolfinx_signorini.accuracy.targets import target
@@ -87,3 +96,41 @@ def test_a_side_that_is_in_contact_as_a_whole_has_no_end(comm, held):
     cells = 1 + division.parents.max(initial=-1)
     assert not cells_at_contact_ends(problem, division.parents, cells).any()
     problem.destroy()
+
+
+def shaken(comm, seed):
+    """Triangles of the unit square whose vertices inside have been moved, but for the middle."""
+    domain, rng = mesh.create_unit_square(comm, 6, 5), np.random.default_rng(seed)
+    moves = rng.uniform(-0.15, 0.15, (42, 2)) / [6, 5]
+    x = domain.geometry.x
+    column, row = np.rint(x[:, :2].T * [[6], [5]]).astype(int)
+    inner = (column % 6 > 0) & (row % 5 > 0)
+    move = moves[7 * row + column] * inner[:, None]
+    move[column == 3, 0] = 0.0
+    x[:, :2] += move
+    return domain
+
+
+@pytest.mark.parametrize("norm", ["L2", "L4"])
+@pytest.mark.parametrize("seed", [0, 5, 9])
+def test_ends_that_have_stayed_in_coarse_cells_count(seed, norm, comm):
+    """Contact ends along a column of vertices, in cells of which few move with a division."""
+    end = math.sqrt(1.6) / 8.0
+
+    def posed(sided):
+        V = fem.functionspace(sided.mesh, ("Lagrange", 2))
+        u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+        a, L = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx, -8.0 * v * ufl.dx
+        return ObstacleProblem(a, L, lower=-0.1, bcs=[dirichlet(V, sided.sides["walls"], 0.0)])
+
+    domain = shaken(comm, seed)
+    walls = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(np.abs(x[0] - 0.5), 0.5))
+    sided = SidedMesh(domain, {"walls": walls})
+    found = solve_adaptively(posed, sided, norm=norm, accuracy=1e-4)
+    x = ufl.SpatialCoordinate(found.problem.space.mesh)
+    t, p = ufl.min_value(x[0], 1.0 - x[0]), int(norm[1])
+    exact = ufl.conditional(t < end, 4.0 * t**2 - 8.0 * end * t, -0.1)
+    rule = ufl.dx(metadata={"quadrature_degree": 20})
+    error = abs(found.problem.u - exact) ** p * rule
+    assert found.reached
+    assert comm.allreduce(fem.assemble_scalar(fem.form(error))) ** (1.0 / p) <= 1e-4

@@ -158,7 +158,7 @@ def test_points_that_are_as_strong_have_the_order_of_their_places(monkeypatch):
         tilt = 1.0 + noise * x
         gap, density = distance**1.5 * tilt * ~held, np.sqrt(distance) * tilt * held
         table = made_up_table(gap, density)
-        monkeypatch.setattr(detachment, "_boundary_table", lambda problem, table=table: table)
+        monkeypatch.setattr(detachment, "_boundary_tables", lambda problem, table=table: table)
         places = [point.position[0] for point in detachment_points(problem)]
         assert places == sorted(places) and len(places) == 4
 
@@ -181,7 +181,8 @@ def test_ends_of_contact_without_gap_or_pressure_are_no_detachment_points(n):
 def made_up_table(gap, density):
     """All edges between neighbours on the line of nodes, with gap and density at both ends."""
     edges, pairs = np.stack((NODES[:-1], NODES[1:]), axis=1), (slice(None, -1), slice(1, None))
-    return edges, *(np.column_stack([v[part] for part in pairs]) for v in (gap, density, gap))
+    fields = (np.column_stack([v[part] for part in pairs]) for v in (gap, density, gap))
+    return [(edges, *fields, np.inf)]
 
 
 def test_ends_that_belong_to_one_point_are_one(monkeypatch):
@@ -190,7 +191,7 @@ def test_ends_that_belong_to_one_point_are_one(monkeypatch):
     x = NODES[:, 0]
     gap, density = np.maximum(x - 0.4, 0.0) ** 1.5, np.sqrt(np.maximum(0.4 - x, 0.0))
     gap[x < 0.401], gap[39], density[39] = 0.0, 1e-12, 0.0
-    monkeypatch.setattr(detachment, "_boundary_table", lambda problem: made_up_table(gap, density))
+    monkeypatch.setattr(detachment, "_boundary_tables", lambda problem: made_up_table(gap, density))
     (point,) = detachment_points(problem)
     assert abs(point.position[0] - 0.4) <= 0.02
     # Two ends far from each other are two.

@@ -4,8 +4,17 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
+from mpi4py import MPI
 
-from dolfinx_signorini import InputError, ObstacleProblem, SignoriniProblem
+from dolfinx_signorini import (
+    ContactProblem,
+    EnergyTerms,
+    InputError,
+    ObstacleProblem,
+    SignoriniProblem,
+    elasticity,
+    energy_bound,
+)
 
 
 class Membrane:
@@ -128,4 +137,51 @@ def test_a_zone_that_is_kept_sees_each_solve(comm):
     for name in ("gap", "active", "force", "pressure"):
         with pytest.raises(InputError, match="not been solved"):
             getattr(kept, name)
+    problem.destroy()
+
+
+def test_a_mesh_that_has_moved_is_noticed(membrane):
+    """Alone, with a value of the load, and by what refuses data of another solve."""
+    terms = EnergyTerms(load=-4.0, dirichlet=[(None, _above(membrane.mesh))])
+    energy_bound(membrane.problem, terms)
+    membrane.mesh.geometry.x[:, :2] *= 1.5
+    with pytest.raises(InputError, match="changed since it was solved"):
+        energy_bound(membrane.problem, terms)
+    membrane.check()
+    membrane.mesh.geometry.x[:, 0] *= -1.0
+    membrane.f.value = -3.0
+    membrane.check()
+    membrane.k.value = 2.0
+    membrane.check()
+
+
+def _above(domain):
+    top = domain.comm.allreduce(domain.geometry.x[:, 1].max(initial=-np.inf), op=MPI.MAX)
+    return mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], top))
+
+
+def test_a_direction_whose_values_change_is_refused(comm):
+    domain = mesh.create_unit_square(comm, 6, 6)
+    V = fem.functionspace(domain, ("Lagrange", 1, (2,)))
+    u, v, d = ufl.TrialFunction(V), ufl.TestFunction(V), fem.Constant(domain, (0.0, -1.0))
+    bottom = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 0.0))
+    dofs = fem.locate_dofs_topological(V, 1, _above(domain))
+    problem = ContactProblem(
+        elasticity(u, v, young=1.0, poisson=0.3),
+        ufl.inner(fem.Constant(domain, (0.0, -1.0)), v) * ufl.dx,
+        contact=bottom,
+        gap=0.1,
+        direction=ufl.as_vector([d[0], d[1]]),
+        bcs=[fem.dirichletbc(np.zeros(2), dofs, V)],
+    )
+    problem.solve()
+    force = problem.force
+    d.value = (0.6, -0.8)
+    for _ in range(2):
+        with pytest.raises(InputError, match="keeps the directions") as caught:
+            problem.solve()
+        assert caught.value.subject == "direction"
+    d.value = (0.0, -1.0)
+    problem.solve()
+    assert problem.force == pytest.approx(force)
     problem.destroy()

@@ -27,7 +27,7 @@ from dolfinx_signorini.meshes.elements import (
     nodal_space,
     values_at_control_points,
 )
-from dolfinx_signorini.pictures.contact_boundary import known_pressure
+from dolfinx_signorini.pictures.contact_boundary import Touching
 from dolfinx_signorini.scenes.output.folder import reserve
 from dolfinx_signorini.scenes.solving import SceneResult
 
@@ -39,7 +39,7 @@ def write_fields(result: SceneResult, folder: Path) -> None:
 
     Gap and pressure are defined where `contact_boundary` is 1, with an obstacle in the domain
     `has_obstacle`: at the nodes with an obstacle and a pressure that is known, see
-    `known_pressure`. Elsewhere both are 0. Where `in_contact` is 1 the solution touches the
+    `Touching`. Elsewhere both are 0. Where `in_contact` is 1 the solution touches the
     obstacle. With obstacles in the domain and on the boundary these are for the cells, and
     `boundary_gap`, `boundary_pressure` and `boundary_in_contact` for the contact boundary.
 
@@ -112,7 +112,7 @@ def masks(result: SceneResult) -> dict[str, Array]:
     """
     space, found = result.gap.function_space, {}
     for k, zone in enumerate(result.posed.problem.zones):
-        known = known_pressure(zone.along_direction)
+        known = Touching(zone.along_direction).known_pressure
         for name, nodes in (
             ("has_obstacle" if zone.in_domain else "contact_boundary", zone.obstacle_nodes),
             ("boundary_in_contact" if k else "in_contact", zone.active),

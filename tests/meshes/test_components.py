@@ -8,7 +8,7 @@ from dolfinx import fem, mesh
 
 from dolfinx_signorini import InputError, SignoriniProblem
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
-from dolfinx_signorini.solvers.components import components
+from dolfinx_signorini.meshes.components import components
 
 N = 12
 
