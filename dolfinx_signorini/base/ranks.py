@@ -1,5 +1,6 @@
 """Exchange between ranks of sums, maxima and marks of the dofs, vertices and facets they share."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, Mask
+from dolfinx_signorini.base.tolerances import TINY, power_of_two
 
 
 def summed(
@@ -50,6 +52,26 @@ def largest(
 def highest(comm: MPI.Comm, values: npt.NDArray[np.floating[Any]]) -> float:
     """Return the largest value of all ranks, at least 0, of arrays of any shape; collective."""
     return float(comm.allreduce(float(values.max(initial=0.0)), op=MPI.MAX))
+
+
+def parallel_norm(comm: MPI.Comm, values: Array) -> float:
+    """Return the 2-norm over all ranks of an array, safe from overflow and underflow.
+
+    Args:
+        comm: The communicator; the call is collective.
+        values: The part of this rank.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        square = float(comm.allreduce(float(values @ values)))
+    if TINY < square < 1.0 / TINY:
+        return math.sqrt(square)
+    ends = max(values.max(initial=0.0), -values.min(initial=0.0))
+    largest = float(comm.allreduce(float(ends), op=MPI.MAX))
+    if largest == 0.0 or not np.isfinite(largest):
+        return largest
+    scale = power_of_two(largest)
+    scaled = values / scale
+    return scale * float(np.sqrt(comm.allreduce(float(scaled @ scaled))))
 
 
 def anywhere(comm: MPI.Comm, marks: bool | np.bool_ | Mask) -> bool:

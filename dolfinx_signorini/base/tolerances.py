@@ -4,6 +4,8 @@ Every comparison that must not depend on rounding uses one of these numbers, tim
 is compared.
 """
 
+import math
+
 import numpy as np
 
 PRECISION = float(np.finfo(np.float64).eps)
@@ -24,3 +26,8 @@ FAR = 1.0 / TINY  # how far away from 0 a bound is that is none
 # One operation, or one function of a library, which is at most 4 units in the last place off.
 UNIT = 8.0 * PRECISION
 UPWARDS = 1.0 + SOLVED  # times a bound that has been calculated: more than the bound
+
+
+def power_of_two(value: float) -> float:
+    """Return the power of two next below a number, 1/2 for zero: a division by it is exact."""
+    return math.ldexp(0.5, math.frexp(value)[1])

@@ -1,6 +1,5 @@
 """Functions carried between meshes that need not be nested, whose cells DOLFINx searches for."""
 
-import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
@@ -10,7 +9,7 @@ from dolfinx import fem, mesh
 from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.compat import owners_of_points
 from dolfinx_signorini.base.ranks import anywhere, highest
-from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.base.tolerances import SOLVED, power_of_two
 from dolfinx_signorini.meshes.sided_meshes import longest_side
 
 Pairs = Sequence[tuple[fem.Function, fem.Function]]
@@ -55,7 +54,7 @@ def _of_size_one(*meshes: mesh.Mesh) -> Iterator[None]:
     DOLFINx finds no nearest points of cells whose coordinates are large numbers.
     """
     side = longest_side(meshes[0].comm, meshes[0].geometry.x)
-    unit = math.ldexp(0.5, math.frexp(side)[1])  # a power of two, by which division is exact
+    unit = power_of_two(side)
     for each in meshes:
         each.geometry.x[:] /= unit
     try:

@@ -71,15 +71,8 @@ class Level:
         assert self.prolongation is not None
         load = self._coarse.duplicate()
         self.prolongation.multTranspose(self.load, load)
-        rows, columns = self._parents.units()
-        bounds = []
-        for values, none in zip(self._aligned(self.bounds), (-np.inf, np.inf), strict=True):
-            self._coarse.set(none)
-            self._coarse.assemble()
-            self._coarse.setValues(columns, values[rows])
-            self._coarse.assemble()
-            bounds.append(self._coarse.array_r.copy())
-        return load, (bounds[0], bounds[1])
+        (low, high), inject = self._aligned(self.bounds), self._parents.injected
+        return load, (inject(low, -np.inf), inject(high, np.inf))
 
     def restricted(self, values: PETSc.Vec) -> PETSc.Vec:
         """Replace integrals over this level's functions by those over the next coarser one's."""

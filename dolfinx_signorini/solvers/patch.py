@@ -11,7 +11,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.petsc import destroy, without_nodes
-from dolfinx_signorini.solvers.residual import power_of_two
+from dolfinx_signorini.base.tolerances import power_of_two
 from dolfinx_signorini.solvers.system import System
 
 # Layers of neighbours around the chosen dofs, by dimension: in space the ends of a contact set are

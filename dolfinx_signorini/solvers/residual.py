@@ -21,12 +21,11 @@ and of the place of rest.
 import math
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array
-from dolfinx_signorini.base.ranks import anywhere
-from dolfinx_signorini.base.tolerances import PRECISION, TINY, UNIT
+from dolfinx_signorini.base.ranks import anywhere, parallel_norm
+from dolfinx_signorini.base.tolerances import PRECISION, UNIT
 from dolfinx_signorini.solvers.motions import at_rest
 from dolfinx_signorini.solvers.system import System
 
@@ -128,28 +127,3 @@ def _rounding_of(system: System, rest: Array) -> float:
     forces[system.fixed_dofs] = 0.0
     diagonal.destroy()
     return UNIT * parallel_norm(system.comm, forces)
-
-
-def parallel_norm(comm: MPI.Comm, values: Array) -> float:
-    """Return the 2-norm over all ranks of an array, safe from overflow and underflow.
-
-    Args:
-        comm: The communicator; the call is collective.
-        values: The part of this rank.
-    """
-    with np.errstate(over="ignore", invalid="ignore"):
-        square = float(comm.allreduce(float(values @ values)))
-    if TINY < square < 1.0 / TINY:
-        return math.sqrt(square)
-    ends = max(values.max(initial=0.0), -values.min(initial=0.0))
-    largest = float(comm.allreduce(float(ends), op=MPI.MAX))
-    if largest == 0.0 or not np.isfinite(largest):
-        return largest
-    scale = power_of_two(largest)
-    scaled = values / scale
-    return scale * float(np.sqrt(comm.allreduce(float(scaled @ scaled))))
-
-
-def power_of_two(value: float) -> float:
-    """Return the power of two next below a number, 1/2 for zero: a division by it is exact."""
-    return math.ldexp(0.5, math.frexp(value)[1])

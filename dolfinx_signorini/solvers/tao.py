@@ -22,10 +22,10 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.errors import INDEFINITE, InputError, NotConvergedError
 from dolfinx_signorini.base.petsc import destroy
-from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
+from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED, power_of_two
 from dolfinx_signorini.solvers.linear.algebraic import AMG
 from dolfinx_signorini.solvers.linear.options import options_set, warn_of_unread
-from dolfinx_signorini.solvers.residual import NaturalResidual, power_of_two
+from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.solvers.system import System
 from dolfinx_signorini.solvers.unbounded import UNBOUNDED, falls_for_ever, moves_without_energy
 

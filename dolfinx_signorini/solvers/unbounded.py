@@ -15,8 +15,7 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.petsc import destroy
-from dolfinx_signorini.base.tolerances import SOLVED, TINY, UNIT
-from dolfinx_signorini.solvers.residual import power_of_two
+from dolfinx_signorini.base.tolerances import SOLVED, TINY, UNIT, power_of_two
 from dolfinx_signorini.solvers.system import System
 
 UNBOUNDED = (

@@ -116,7 +116,7 @@ CASES = {
     "ball": (ball, 16, {}, (1.5, 1.5, 1.9)),
     "ball, Bernstein": (ball, 16, {"bernstein": True}, (1.5, 1.32, 1.42)),
     "ramp": (ramp, 8, {}, (1.25, 2.6, 3.8)),
-    "ramp, Neumann": (ramp, 8, {"free": True}, (1.25, 2.6, 4.3)),
+    "ramp, Neumann": (ramp, 8, {"free": True}, (1.25, 2.6, 4.55)),
     "ramp, some cells": (ramp, 8, {"some": True}, (1.27, 2.6, 3.8)),
     "ramp, reaction": (ramp, 8, {"c": 1.0, "free": True}, (1.25, 2.6, 3.8)),
     "ramp, layers": (ramp, 8, {"c": 1e4}, (2.8, 1.65, 2.1)),

@@ -7,9 +7,10 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
+from dolfinx_signorini.base.ranks import parallel_norm
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.problem.signorini import SignoriniProblem
-from dolfinx_signorini.solvers.residual import NaturalResidual, parallel_norm
+from dolfinx_signorini.solvers.residual import NaturalResidual
 
 COMM = MPI.COMM_WORLD
 

@@ -10,12 +10,11 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.base.tolerances import SIX_DIGITS, SOLVED, TINY
+from dolfinx_signorini.base.tolerances import SIX_DIGITS, SOLVED, TINY, power_of_two
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.scenes.domains.domain import RefinedDomain
 from dolfinx_signorini.scenes.domains.gmsh_meshes import with_gmsh
 from dolfinx_signorini.scenes.files.toml_table import TomlTable
-from dolfinx_signorini.solvers.residual import power_of_two
 
 Corners = tuple[tuple[float, float], ...]
 

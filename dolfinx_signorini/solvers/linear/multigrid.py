@@ -179,12 +179,8 @@ class Multigrid:
         levels = [x.copy()]
         levels[0].array_w[~known] = np.nan
         for prolongation in self.prolongations:
-            rows, columns = Rows(prolongation).units()
             coarse = prolongation.createVecRight()
-            coarse.set(np.nan)
-            coarse.assemble()
-            coarse.setValues(columns, levels[-1].array_r[rows])
-            coarse.assemble()
+            coarse.array_w[:] = Rows(prolongation).injected(levels[-1].array_r, np.nan)
             levels.append(coarse)
         values = levels[-1].array_w
         own = values[np.isfinite(values)]

@@ -139,6 +139,23 @@ class Rows:
             columns.append(known[found[1, :count]])
         return np.concatenate(rows), np.concatenate(columns).astype(PETSc.IntType)
 
+    def injected(self, values: Array, none: float) -> Array:
+        """Return for each own column the value of the row that is the same node; collective.
+
+        Args:
+            values: A value for each row of this rank.
+            none: The value of columns without such a row.
+        """
+        rows, columns = self.units()
+        result = self.matrix.createVecRight()
+        result.set(none)
+        result.assemble()
+        result.setValues(columns, values[rows])
+        result.assemble()
+        found = result.array_r.copy()
+        result.destroy()
+        return found
+
     def _pointers(self, matrix: ctypes.c_void_p, rows: int) -> tuple[Any, ...]:
         """The number of rows and the arrays of a matrix of this rank alone."""
         arrays = [ctypes.c_void_p() for _ in range(3)]

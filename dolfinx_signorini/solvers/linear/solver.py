@@ -9,9 +9,9 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import LocalIndices, Mask
 from dolfinx_signorini.base.petsc import destroy, without_nodes
+from dolfinx_signorini.base.tolerances import power_of_two
 from dolfinx_signorini.solvers.linear.multigrid import Multigrid
 from dolfinx_signorini.solvers.linear.rows import Rows
-from dolfinx_signorini.solvers.residual import power_of_two
 from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.solvers.system import System
 
