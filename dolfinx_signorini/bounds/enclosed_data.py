@@ -259,12 +259,13 @@ class EnclosedData:
         constants = [None if entry is None else entry.constant for entry in self.diffusion]
         if None not in constants:
             rows = math.isqrt(len(constants))
-            a = float(np.linalg.eigvalsh(np.array(constants, float).reshape(rows, rows))[0])
+            matrix = np.array(constants, float).reshape(rows, rows)
+            a = max(float(np.linalg.eigvalsh(matrix)[0]), 0.0)  # a negative one is refused later
         c = np.zeros(1) if rest.least_reaction is None else rest.least_reaction
+        wide = np.broadcast_to(self.width, self.frames.volumes.shape)
         with np.errstate(divide="ignore"):
             by_reaction = 1.0 / np.sqrt(c)
-        wide = np.broadcast_to(self.width, self.frames.volumes.shape)
-        by_gradient = np.stack((self.frames.diameters / math.pi, wide)) / np.sqrt(a)
+            by_gradient = np.stack((self.frames.diameters / math.pi, wide)) / np.sqrt(a)
         return np.asarray(np.minimum(by_gradient, by_reaction))
 
     def _fit(self, name: str, formula: Formula, weights: Array) -> bool:
