@@ -104,8 +104,8 @@ class EnclosedData:
         slopes = self.frames.points(middle).gradients(self.problem.u)[0]
         values = np.linalg.norm(slopes, axis=0)[:, 0] / self.width
         if self.load is not None:
-            known = np.abs(evaluated(self.load.root, self.corners.mean(axis=1)))
-            values = np.maximum(values, np.where(np.isfinite(known), known, 0.0))
+            sizes = np.abs(evaluated(self.load.root, self.corners.mean(axis=1)))
+            values = np.maximum(values, np.where(np.isfinite(sizes), sizes, 0.0))
         values *= self.frames.diameters / 6.0
         square = self.comm.allreduce(float(values**2 @ self.frames.volumes))
         cells = self.comm.allreduce(len(values))

@@ -223,7 +223,7 @@ def _cut(formula: Formula, pieces: Array, owners: Numbers) -> Iterator[_Branch]:
     every = np.arange(len(pieces))
     doubtful, whole = np.zeros(len(pieces), dtype=bool), np.ones(len(pieces), dtype=bool)
     if margins(formula):
-        for part in decided([formula], pieces[..., -dimension:], 1):
+        for part in decided([formula], pieces[..., -dimension:], finest=1):
             clear = part.cells[part.shares == 0.0]
             yield _Branch(part.formulas[0], pieces[clear], owners[clear], np.zeros((2, len(clear))))
             doubtful[part.cells[part.shares > 0.0]] = True
@@ -235,7 +235,7 @@ def _cut(formula: Formula, pieces: Array, owners: Numbers) -> Iterator[_Branch]:
     thick = _shares(parts) > 0.0
     parts, own = parts[thick], own[thick]
     found = []
-    for part in decided([formula], parts[..., -dimension:], 1) if len(parts) else ():
+    for part in decided([formula], parts[..., -dimension:], finest=1) if len(parts) else ():
         apart = np.zeros((2, len(part.cells)))
         for (other,) in part.others:
             between = Formula("", part.formulas[0].root - other.root)
