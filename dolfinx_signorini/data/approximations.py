@@ -93,6 +93,13 @@ class _Part:
     values: Array
     tails: Array  # of what points do not tell: of the root of mean squares, and of means
 
+    def blocks(self, size: int) -> Iterator["_Part"]:
+        """Yield the pieces in blocks of at most a number of pieces."""
+        for first in range(0, len(self.pieces), size):
+            some = slice(first, first + size)
+            kept = self.pieces[some], self.owners[some], self.shares[some], self.values[some]
+            yield _Part(*kept, self.tails[:, some])
+
 
 @np.errstate(over="ignore", invalid="ignore")
 def approximated(
@@ -113,14 +120,22 @@ def approximated(
     points, rule_weights = rule(dimension, ORDERS[dimension])
     limits = _Limits(comm, simplex_sizes(corners), weights, tolerance)
     branches = _branches(formula, corners, limits)
-    parts = [part for branch in branches for part in _parts(branch, degree, limits)]
-    tables = [_table(part.pieces, points, degree) for part in parts]
     moments = np.zeros((count, comb(degree + dimension, dimension)))
-    for part, table in zip(parts, tables, strict=True):
+    # The tables of polynomials on all pieces would need much more memory than the pieces.
+    size = moments.shape[1] * len(points)
+    parts = [
+        some
+        for branch in branches
+        for part in _parts(branch, degree, limits)
+        for some in part.blocks(max(BLOCK // size, 1))
+    ]
+    for part in parts:
+        table = _table(part.pieces, points, degree)
         own = np.einsum("nq,niq->ni", part.values * rule_weights, table)
         np.add.at(moments, part.owners, part.shares[:, None] * own)
     squares, between = np.zeros(count), np.zeros((2, count))
-    for part, table in zip(parts, tables, strict=True):
+    for part in parts:
+        table = _table(part.pieces, points, degree)
         rest = part.values - np.einsum("ni,niq->nq", moments[part.owners], table)
         root = np.sqrt(np.square(rest) @ rule_weights) + part.tails[0]
         squares += np.bincount(part.owners, part.shares * root**2, count)
@@ -196,7 +211,8 @@ def _branches(formula: Formula, corners: Array, limits: _Limits) -> list[_Branch
         open_ = limits.exceeded(pieces, owners, np.stack((np.sqrt(squares), means)))
         return open_ & (thick > 0.0), []
 
-    steps = subdivide(start, np.arange(len(corners)), look, comm, MOST_PIECES)
+    most = MOST_PIECES // 2 ** (corners.shape[1] - 2)  # for a cut makes several pieces of one
+    steps = subdivide(start, np.arange(len(corners)), look, comm, most)
     for pieces, owners, _, _ in steps:
         for branch in _cut(formula, pieces, owners):
             found.setdefault((branch.formula.root, _are_whole(branch.pieces)), []).append(branch)
@@ -209,9 +225,9 @@ def _branches(formula: Formula, corners: Array, limits: _Limits) -> list[_Branch
         )
         for (root, _), every in found.items()
     ]
-    most = max(comm.allgather(len(together)))
+    count = max(comm.allgather(len(together)))
     nothing = _Branch(formula, start[:0], np.arange(0), np.zeros((2, 0)))
-    return together + [nothing] * (most - len(together))
+    return together + [nothing] * (count - len(together))
 
 
 def _cut(formula: Formula, pieces: Array, owners: Numbers) -> Iterator[_Branch]:

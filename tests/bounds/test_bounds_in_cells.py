@@ -140,8 +140,8 @@ def test_a_problem_that_is_hardly_solved(rtol, name, degree, comm):
 
 SPACE = [
     (bowl, 1, 4, 1.4),
-    (bowl, 2, 4, 1.4),
-    (bowl, 3, 3, 2.96),
+    (bowl, 2, 4, 1.47),
+    (bowl, 3, 3, 3.64),
     (ramp, 1, 4, 1.5),
     (ramp, 2, 4, 3.0),
 ]
