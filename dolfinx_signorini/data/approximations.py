@@ -29,6 +29,7 @@ from dolfinx_signorini.data.enclosures import enclosed_on_simplices
 from dolfinx_signorini.data.formulas import Formula, Node, evaluated, nodes
 from dolfinx_signorini.data.interfaces.interface import Interface
 from dolfinx_signorini.data.interfaces.pieces import (
+    FINE,
     MOST_PIECES,
     Numbers,
     corners_of_reference,
@@ -44,6 +45,8 @@ from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
 
 ORDERS = {1: 16, 2: 12, 3: 8}  # of the rules on pieces, by dimension
 MOST_WORK = 1_000_000  # pieces that are divided, times the number of operations of a formula
+PIECES = 8  # that are divided together, for each simplex: the price is in proportion to the mesh
+AT_ONCE = 8_192  # pieces on which all operations of a formula are known together
 # Of a formula: where polynomials miss more, it is bounded in parts, or by a higher degree.
 KINKED = 1e-5
 
@@ -162,6 +165,12 @@ class _Limits:
         """The weighted value that is small enough if all pieces have the same."""
         size = self.comm.allreduce(float(self.sizes.sum()))
         return self.tolerance / math.sqrt(size or 1.0)
+
+    @cached_property
+    def most(self) -> int:
+        """How many pieces of all ranks are divided together, at most: in proportion to the mesh."""
+        cells = self.comm.allreduce(len(self.sizes))
+        return min(MOST_PIECES, max(FINE, PIECES * cells))
 
     def on_simplices(self, pieces: Array, owners: Numbers, hidden: Array) -> Array:
         """Return mean squares and means over simplices, of such roots and means on pieces."""
@@ -369,11 +378,17 @@ def _parts(branch: _Branch, degree: int, limits: _Limits) -> list[_Part]:
     formula, comm, weights, parts = branch.formula, limits.comm, limits.weights, []
     dimension = branch.pieces.shape[1] - 1
     # Ranks may have different formulas, and all leave the loop at the same level.
-    most = comm.allreduce(min(MOST_PIECES, MOST_WORK // len(nodes(formula.root))), op=MPI.MIN)
+    most = comm.allreduce(min(limits.most, MOST_WORK // len(nodes(formula.root))), op=MPI.MIN)
 
     def look(pieces: Array, owners: Numbers, level: int) -> tuple[Mask, list[Array]]:
         allowed = np.asarray(limits.allowed / weights[:, owners])
-        tails, levels = _enclosed(formula, pieces[..., dimension:], degree, allowed)
+        blocks = [slice(k, k + AT_ONCE) for k in range(0, len(pieces), AT_ONCE)] or [slice(0)]
+        found = [
+            _enclosed(formula, pieces[some, :, dimension:], degree, allowed[:, some])
+            for some in blocks
+        ]
+        tails = np.concatenate([each for each, _ in found], axis=1)
+        levels = np.concatenate([each for _, each in found])
         return limits.exceeded(pieces, owners, tails), [tails, levels]
 
     for pieces, owners, _, (tails, levels) in subdivide(
