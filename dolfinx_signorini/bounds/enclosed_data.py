@@ -115,6 +115,11 @@ class EnclosedData:
         formula = self.reaction
         if formula is None:
             return
+        if formula.constant is not None:
+            require(self.comm, formula.constant >= 0.0, "negative at some point", "reaction")
+            every = np.full(len(self.corners), formula.constant)
+            self.rest = replace(self.rest, least_reaction=every, largest_reaction=every)
+            return
         low, high = enclosed_on_simplices(formula, self.corners)
         if anywhere(self.comm, np.isinf(low) | np.isinf(high)):
             return

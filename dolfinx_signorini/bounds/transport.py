@@ -76,32 +76,39 @@ def _by_potential(
     matrix = (matrix + sp.diags(finite)).tocsr()
     if (np.bincount(part, out[inner], parts) == 0.0).any():
         return fluxes, False
+    A, ksp = _solver(matrix[inner][:, inner])
     for _ in range(ROUNDS):
         potential, left = np.zeros(count), wanted - fluxes.sum(axis=1) - taken
-        potential[inner] = _solution(matrix[inner][:, inner], left[inner])
+        potential[inner] = _solution(ksp, left[inner])
         change = weight * np.repeat(potential, columns)
         change[one] -= weight[one] * potential[other // columns]
         change[other] -= weight[other] * potential[one // columns]
         fluxes += change.reshape(facets.shape)
         taken += finite * potential
+    destroy(A, ksp)
     left = np.abs((wanted - fluxes.sum(axis=1) - taken)[inner])
     return fluxes, bool(left.max(initial=0.0) <= SOLVED * np.abs(wanted).max(initial=0.0))
 
 
-def _solution(matrix: sp.csr_matrix, right: Array) -> Array:
-    """The solution of a system, up to PETSc's usual tolerance; 0 if none is found."""
+def _solver(matrix: sp.csr_matrix) -> tuple[PETSc.Mat, PETSc.KSP]:
+    """A system, and its solver to PETSc's usual tolerance, whose set-up serves all rounds."""
     kinds = (matrix.indptr, PETSc.IntType), (matrix.indices, PETSc.IntType)
     csr = (*(values.astype(kind) for values, kind in kinds), matrix.data)
     A = PETSc.Mat().createAIJ(matrix.shape, csr=csr, comm=PETSc.COMM_SELF)
-    b, x = (
-        PETSc.Vec().createWithArray(values, comm=PETSc.COMM_SELF) for values in (right, 0.0 * right)
-    )
     ksp = PETSc.KSP().create(PETSc.COMM_SELF)
     ksp.setType(PETSc.KSP.Type.CG)
     ksp.getPC().setType(PETSc.PC.Type.GAMG)
     ksp.setOperators(A)
     ksp.setTolerances(atol=0.0)
+    return A, ksp
+
+
+def _solution(ksp: PETSc.KSP, right: Array) -> Array:
+    """The solution of a system; 0 if none is found."""
+    b, x = (
+        PETSc.Vec().createWithArray(values, comm=PETSc.COMM_SELF) for values in (right, 0.0 * right)
+    )
     ksp.solve(b, x)
     found = x.array.copy() if ksp.is_converged else 0.0 * right
-    destroy(A, b, x, ksp)
+    destroy(b, x)
     return found
