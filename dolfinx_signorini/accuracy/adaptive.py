@@ -69,9 +69,9 @@ class AdaptiveSolution:
         steps: The steps.
         cells: For each owned cell what the coarse cell around the cell leaves in the error.
         polygonal: The sides whose facets bend like those of a curve that is not known, "edge of R"
-            for the edge of a region R inside of the domain, "all" for
-            the boundary without a name. These facets are taken as the domain, and the estimate
-            knows of no curve. For each side about how far a smooth curve is from the first mesh.
+            for the edge of a region R inside of the domain, "all" for the boundary without a name.
+            These facets are taken as the domain, and the estimate knows of no curve. For each side
+            about how far a smooth curve is from the first mesh.
         notes: What is not known of the data, or not resolved by the first mesh, in words.
     """
 

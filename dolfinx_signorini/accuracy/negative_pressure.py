@@ -2,8 +2,8 @@
 
 An obstacle pushes and never pulls. The forces on the dofs in contact are not negative, and yet the
 density of the pressure, with the sign of the obstacle that holds a facet, may be negative between
-the dofs: there the contact set has a gap that is
-narrower than the distance of the dofs. Two solutions that both hold the facet do not show the gap.
+the dofs: there the contact set has a gap that is narrower than the distance of the dofs. Two
+solutions that both hold the facet do not show the gap.
 If the density is -q on a part of the length 2 a, the solution leaves the obstacle by up to q a, as
 a crack of this length is opened by the mean stress q, and its derivatives are wrong by about the
 largest one, as far from the facet as the part is long.

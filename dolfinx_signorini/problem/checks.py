@@ -15,7 +15,7 @@ from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.errors import INDEFINITE, InputError, require
 from dolfinx_signorini.base.logs import warn_once
 from dolfinx_signorini.base.petsc import destroy
-from dolfinx_signorini.base.ranks import anywhere, function_with, highest
+from dolfinx_signorini.base.ranks import anywhere, function_with
 from dolfinx_signorini.base.tolerances import FAR, ROUNDING, SOLVED, TINY
 from dolfinx_signorini.meshes.elements import (
     control_points,
@@ -65,7 +65,7 @@ def apart(
     comm, (lower, upper) = layout.space.mesh.comm, obstacles
     if not anywhere(comm, lower > upper):
         return list(obstacles)
-    tiny = ROUNDING * (size() or highest(comm, np.minimum(np.abs(lower), np.abs(upper))))
+    tiny = ROUNDING * size()
     dofs = layout.obstacle_dofs
     low, high = (_values_at_nodes(layout.space, dofs, obstacle)[dofs] for obstacle in obstacles)
     refusal: tuple[str, str] | None = None
