@@ -41,10 +41,9 @@ def pose(sided: ds.SidedMesh) -> ds.SignoriniProblem:
     V = fem.functionspace(sided.mesh, ("Lagrange", 2))
     u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
     a = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
-    wall = fem.locate_dofs_topological(V, 1, sided.sides["wall"])
-    bc = fem.dirichletbc(0.0, wall, V)
+    wall = ds.dirichlet(V, sided.sides["wall"], 0.0)
     return ds.SignoriniProblem(
-        a, -v * ufl.dx, contact=sided.sides["floor"], obstacle=-0.5, bcs=[bc]
+        a, -v * ufl.dx, contact=sided.sides["floor"], obstacle=-0.5, bcs=[wall]
     )
 
 
@@ -69,12 +68,11 @@ draw_adaptive(found)
 # ## A proven bound
 #
 # An estimate can be wrong; a bound cannot. `energy_bound` builds a flux that is in balance with the
-# load on every cell, and its distance from the flux of the solution is more than the error. For
-# that it needs the terms of the equation: here the load is -1, and u is 0 on the wall.
+# load on every cell, and its distance from the flux of the solution is more than the error. The
+# equation is read from the forms of the problem, and its data on the wall are those of `dirichlet`.
 
 # %%
-terms = ds.EnergyTerms(load=-1.0, dirichlet=[(0.0, found.sided.sides["wall"])])
-bound = ds.energy_bound(found.problem, terms)
+bound = ds.energy_bound(found.problem)
 if comm.rank == 0:
     print(f"the energy error is at most {bound.total:.2e}")
     print("this is proven" if not bound.sampled else "this is proven but for sampled data")

@@ -31,10 +31,10 @@ from ufl.core.expr import Expr
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import require
-from dolfinx_signorini.base.kinds import check, coordinates, instance, optional, positive
+from dolfinx_signorini.base.kinds import check, coordinates, optional, positive
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, ROUNDING, SOLVED, TINY
-from dolfinx_signorini.bounds.strong_form import EnergyTerms
+from dolfinx_signorini.bounds.strong_form import EnergyTerms, strong_form
 from dolfinx_signorini.meshes.elements import facet_dofs
 from dolfinx_signorini.meshes.quadrature import CELL_RULE, FACET_RULE
 from dolfinx_signorini.meshes.sided_meshes import (
@@ -57,7 +57,7 @@ class StressIntensity:
 
     The factors tell how fast the gap opens, and how far off the point is:
 
-        found = stress_intensity(problem, point, EnergyTerms(reaction=1.0, load=f))
+        found = stress_intensity(problem, point)
         print(found.three_halves, found.corrected)
 
     Attributes:
@@ -99,7 +99,7 @@ class _Boundary:
 def stress_intensity(
     problem: SignoriniProblem,
     point: DetachmentPoint | tuple[float, float],
-    terms: EnergyTerms,
+    terms: EnergyTerms | None = None,
     radius: float | None = None,
 ) -> StressIntensity:
     """Return the factors of r^{1/2} and r^{3/2} at a detachment point of a solved problem.
@@ -110,7 +110,8 @@ def stress_intensity(
     Args:
         problem: A problem on triangles that has been solved; the call is collective.
         point: The point, as `detachment_points` finds it.
-        terms: The strong form of the problem: diffusion (a number), reaction and load.
+        terms: The strong form, whose diffusion is a number; None to read it from the forms of the
+            problem, see `strong_form`.
         radius: Where the cut-off function ends; by default as far as the conditions above allow.
 
     Raises:
@@ -119,13 +120,12 @@ def stress_intensity(
     check(
         problem=(problem, one_sided),
         point=(getattr(point, "position", point), coordinates(2)),
-        terms=(terms, instance(EnergyTerms, "the terms of the problem, EnergyTerms")),
         radius=(radius, optional(positive)),
     )
     domain, comm = problem.space.mesh, problem.comm
     plane = domain.topology.cell_name() == "triangle" and domain.geometry.dim == 2
     require(comm, plane, "triangles in the plane are needed", "mesh")
-    terms.check_on(domain)
+    terms = strong_form(problem, terms)
     scalar = terms.diffusion is None or isinstance(terms.diffusion, int | float)
     require(comm, scalar, "a number is needed", "terms.diffusion")
     position = point.position if isinstance(point, DetachmentPoint) else point

@@ -13,7 +13,7 @@ import numpy as np
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.errors import require
-from dolfinx_signorini.base.kinds import check, instance
+from dolfinx_signorini.base.kinds import check
 from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.bounds.better_fluxes import better_fluxes
 from dolfinx_signorini.bounds.boundary_facets import facet_kinds
@@ -42,7 +42,7 @@ from dolfinx_signorini.bounds.gaps import gap_means, gaps
 from dolfinx_signorini.bounds.lifted_energy import cone_norms, lifted_energy, robin_energy
 from dolfinx_signorini.bounds.reference_flux import reference_flux
 from dolfinx_signorini.bounds.remainders import NOTHING, Remainders, Solved
-from dolfinx_signorini.bounds.strong_form import EnergyTerms
+from dolfinx_signorini.bounds.strong_form import EnergyTerms, strong_form
 from dolfinx_signorini.data.interfaces.facet_jumps import data_jumps
 from dolfinx_signorini.meshes.sided_meshes import longest_side
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
@@ -59,7 +59,7 @@ class EnergyBound:
 
     A bound is proven up to what is known at points only:
 
-        bound = energy_bound(problem, EnergyTerms(reaction=1.0, load=f))
+        bound = energy_bound(problem)
         print(bound.total, "sampled" if bound.sampled else "proven", bound.notes)
 
     Attributes:
@@ -86,7 +86,7 @@ class EnergyBound:
     notes: tuple[str, ...] = ()
 
 
-def energy_bound(problem: BoundConstrainedProblem, terms: EnergyTerms) -> EnergyBound:
+def energy_bound(problem: BoundConstrainedProblem, terms: EnergyTerms | None = None) -> EnergyBound:
     """Return a bound of the energy norm of u - u_h for a solved problem.
 
     Formulas among the data are enclosed so well that what is hidden between the points of rules is
@@ -96,20 +96,16 @@ def energy_bound(problem: BoundConstrainedProblem, terms: EnergyTerms) -> Energy
     Args:
         problem: The solved problem, of any degree on triangles or tetrahedra, with an obstacle on
             the boundary, or one or two in the domain; the call is collective.
-        terms: The strong form of the problem.
+        terms: The strong form; None to read it from the forms of the problem, see `strong_form`.
 
     Raises:
-        InputError: The terms contradict each other, the mesh has curved or other cells, or data
-            have changed since the solve.
+        InputError: The terms contradict each other or are not readable, the mesh has curved or
+            other cells, or data have changed since the solve.
     """
-    check(
-        problem=(problem, with_bound),
-        terms=(terms, instance(EnergyTerms, "the terms of the problem, EnergyTerms")),
-    )
+    check(problem=(problem, with_bound))
     problem.check_unchanged()
     _check_mesh(problem)
-    terms.check_on(problem.space.mesh)
-    data = EnclosedData(problem, terms)
+    data = EnclosedData(problem, strong_form(problem, terms))
     bound = bound_by_polynomials(problem, *data.enclosed(HIDDEN * data.size))
     if data.hidden > 2.0 * HIDDEN * bound.flux > 0.0:
         bound = bound_by_polynomials(problem, *data.enclosed(HIDDEN * bound.flux))

@@ -1,7 +1,9 @@
-"""The strong form of a problem, which its weak forms do not tell."""
+"""The strong form of a problem: read from the forms of the problem, or stated."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -27,11 +29,18 @@ from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import require
-from dolfinx_signorini.base.kinds import check, data, indices, on_mesh, optional, sequence
+from dolfinx_signorini.base.kinds import check, data, indices, instance, on_mesh, optional, sequence
+from dolfinx_signorini.base.ranks import function_with
+from dolfinx_signorini.data.form_data import cells_of, facets_of
+from dolfinx_signorini.data.readings import Reading
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_count
+from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
+from dolfinx_signorini.problem.dirichlet import data_of_condition
 from dolfinx_signorini.problem.values import Data
 
 Scalar: TypeAlias = Expr | float
+
+STATED = "the bound then needs the strong form, as `EnergyTerms`"
 
 SUMS = ComponentTensor | Indexed | IndexSum | ListTensor | Sum
 
@@ -58,8 +67,10 @@ class FacetPolynomials:
 class EnergyTerms:
     """The problem -div(A grad u) + c u = f with its boundary conditions.
 
-    The signs are the signs of the problem, for lower and for upper obstacles. Boundary facets that
-    are named nowhere, and are not contact facets, have flux 0:
+    Bounds read the strong form from the forms of a problem. Where a form has something else in the
+    place of the data, such as an interpolated load, the terms state the problem itself. The signs
+    are the signs of the problem, for lower and for upper obstacles. Boundary facets that are named
+    nowhere, and are not contact facets, have flux 0:
 
         terms = EnergyTerms(reaction=1.0, load=f, dirichlet=[(0.0, left)])
 
@@ -130,6 +141,125 @@ class EnergyTerms:
         if not isinstance(A, Expr) or A.ufl_shape == ():
             return [A]
         return [A[i, j] for i in range(dimension) for j in range(dimension)]
+
+
+def strong_form(problem: BoundConstrainedProblem, terms: EnergyTerms | None = None) -> EnergyTerms:
+    """Return the strong form of a scalar problem, as stated or read from the forms; collective.
+
+    The arguments u = v = 1 leave the reaction c of the integrand of a(u, v) in cells, and the
+    slopes grad u = e_j, grad v = e_i leave the entry A_ij of the diffusion; v = 1 leaves the load
+    of L(v). Fluxes on facets with Dirichlet data say nothing, and are left out.
+
+    Args:
+        problem: The problem.
+        terms: The strong form as it is stated; None to read it.
+
+    Raises:
+        InputError: The terms are of another mesh or kind; or a form has other terms or is not
+            readable, or Dirichlet data are not those of `dirichlet`, so that data between the nodes
+            are not known.
+    """
+    check(terms=(terms, optional(instance(EnergyTerms, "the terms of the problem, EnergyTerms"))))
+    if terms is not None:
+        terms.check_on(problem.space.mesh)
+        return terms
+    known = [data_of_condition(condition) for condition in problem.bcs]
+    dirichlet = [(data.value, data.facets) for data in known if data is not None]
+    told = len(dirichlet) == len(known)
+    require(problem.comm, told, f"have a condition that `dirichlet` has not made; {STATED}", "bcs")
+    a, L = _Coefficients(problem.a, "a"), _Coefficients(problem.L, "L")
+    slopes = range(1, problem.space.mesh.geometry.dim + 1)
+    A = [[a.in_cells([i, j]) for j in slopes] for i in slopes]
+    isotropic = all(A[i][j] == (A[0][0] if i == j else 0.0) for i, j in np.ndindex(len(A), len(A)))
+    held = [np.empty(0, dtype=np.int32), *(facets for _, facets in dirichlet)]
+    return EnergyTerms(
+        diffusion=A[0][0] if isotropic else ufl.as_matrix(A),
+        reaction=a.in_cells([0, 0]),
+        load=L.in_cells([0]),
+        neumann=L.on_facets([0], np.concatenate(held)),
+        robin=a.on_facets([0, 0], np.concatenate(held)),
+        dirichlet=dirichlet,
+    )
+
+
+class _Coefficients:
+    """The coefficients that a form has in front of its arguments:
+
+        load = _Coefficients(problem.L, "L").in_cells([0])
+
+    What stands for the arguments is given by the numbers of `Reading`.
+
+    Args:
+        form: A linear or bilinear form.
+        name: The name of the form.
+
+    Raises:
+        InputError: The form has terms that `EnergyTerms` has not, or such as are not readable.
+    """
+
+    def __init__(self, form: ufl.Form, name: str):
+        self._reading, self._integrals = Reading(form), form.integrals()
+        self._domain = form.arguments()[0].ufl_function_space().mesh
+        dimension, count = self._domain.geometry.dim, len(form.arguments())
+        for i, integral in enumerate(self._integrals):
+            kind = integral.integral_type()
+            slopes = 2 if kind == "cell" and count == 2 else 0
+            every = product(range(dimension + 1), repeat=count)
+            others = [chosen for chosen in every if np.count_nonzero(chosen) not in (0, slopes)]
+            found = [
+                self._reading.formula(place, chosen, normal, functions=True)
+                for place, chosen in product(self._reading.places(i), others)
+                for normal in range(dimension)
+            ]
+            good = all(formula is not None and formula.constant == 0.0 for formula in found)
+            good &= kind in ("cell", "exterior_facet")
+            require(self._domain.comm, good, f"has a term that is not read; {STATED}", name)
+
+    def in_cells(self, chosen: Sequence[int]) -> Scalar:
+        """Return the coefficient of the integrals over cells."""
+        total: Scalar = 0.0
+        for i, integral in enumerate(self._integrals):
+            if integral.integral_type() == "cell":
+                total += self._indicators[i] * self._value(i, chosen)
+        return total
+
+    def on_facets(
+        self, chosen: Sequence[int], held: LocalIndices
+    ) -> list[tuple[Scalar, LocalIndices]]:
+        """Return the coefficients of the integrals over facets, with the facets but for some."""
+        return [
+            (self._value(i, chosen), np.setdiff1d(facets_of(self._domain, integral), held))
+            for i, integral in enumerate(self._integrals)
+            if integral.integral_type() == "exterior_facet"
+        ]
+
+    @cached_property
+    def _indicators(self) -> list[Scalar]:
+        """For each integral 1 in the cells that the integral is over, and 0 in others."""
+        space, result = fem.functionspace(self._domain, ("DG", 0)), list[Scalar]()
+        for integral in self._integrals:
+            cells = None
+            if integral.integral_type() == "cell":
+                cells = cells_of(self._domain, integral)
+            inside = (
+                1.0 if cells is None else function_with(space, space.dofmap.list[cells, 0], 1.0)
+            )
+            result.append(inside)
+        return result
+
+    def _value(self, integral: int, chosen: Sequence[int]) -> Scalar:
+        """The coefficient of an integral: formulas, and what UFL leaves of other summands."""
+        total: Scalar = 0.0
+        for place in self._reading.places(integral):
+            normals = self._reading.has_normals(place)
+            formula = None if normals else self._reading.formula(place, chosen)
+            if formula is None:
+                total += self._reading.expression(place, chosen)
+            elif formula.constant is None:
+                total += formula.ufl(ufl.SpatialCoordinate(self._domain))
+            else:
+                total += formula.constant
+        return total
 
 
 def _with_facets(pair: Any) -> str:

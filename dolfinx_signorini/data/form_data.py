@@ -101,12 +101,7 @@ def _parts(domain: mesh.Mesh, integral: Any) -> tuple[Array, LocalIndices]:
     """The vertices and the owned cells of the cells or boundary facets that an integral is over."""
     if integral.integral_type() == "cell":
         return _cells_of(domain, integral)
-    if is_everywhere(integral):
-        return on_boundary(domain, boundary_facets(domain))
-    if isinstance(integral.subdomain_data(), mesh.MeshTags):
-        return on_boundary(domain, _entities(integral))
-    pairs = _entities(integral).reshape(-1, 2)
-    return _on_facets(domain, pairs[pairs[:, 0] < len(owned_cells(domain))])
+    return on_boundary(domain, facets_of(domain, integral))
 
 
 def cells_of(domain: mesh.Mesh, integral: Any) -> LocalIndices | None:
@@ -115,6 +110,20 @@ def cells_of(domain: mesh.Mesh, integral: Any) -> LocalIndices | None:
         return None
     cells = _entities(integral)
     return cells[cells < len(owned_cells(domain))]
+
+
+def facets_of(domain: mesh.Mesh, integral: Any) -> LocalIndices:
+    """Return the facets of the boundary that an integral is over, as far as this rank has them."""
+    boundary = boundary_facets(domain)
+    if is_everywhere(integral):
+        return boundary
+    facets = _entities(integral)
+    if not isinstance(integral.subdomain_data(), mesh.MeshTags):
+        dim = domain.topology.dim
+        domain.topology.create_connectivity(dim, dim - 1)
+        links = domain.topology.connectivity(dim, dim - 1)
+        facets = links.array.reshape(links.num_nodes, -1)[tuple(facets.reshape(-1, 2).T)]
+    return np.intersect1d(facets, boundary).astype(np.int32)
 
 
 def _cells_of(domain: mesh.Mesh, integral: Any) -> tuple[Array, LocalIndices]:
@@ -151,11 +160,7 @@ def on_cells(domain: mesh.Mesh, cells: LocalIndices) -> tuple[Array, LocalIndice
 def on_boundary(domain: mesh.Mesh, facets: LocalIndices) -> tuple[Array, LocalIndices]:
     """Return the vertices of those facets that are on the boundary and owned, and their cells."""
     own = np.intersect1d(facets, boundary_facets(domain)).astype(np.int32)
-    return _on_facets(domain, facet_cells(domain, own))
-
-
-def _on_facets(domain: mesh.Mesh, pairs: LocalIndices) -> tuple[Array, LocalIndices]:
-    """The vertices and cells of facets, which are given by cells and local numbers."""
+    pairs = facet_cells(domain, own)
     x = np.asarray(domain.geometry.x[:, : domain.geometry.dim], dtype=np.float64)
     nodes = domain.geometry.dofmap[pairs[:, :1], facet_vertices(domain)[pairs[:, 1]]]
     return x[nodes], pairs[:, 0]

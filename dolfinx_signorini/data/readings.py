@@ -103,6 +103,26 @@ class Reading:
         text = " + ".join(formula.text for formula in known)
         return Formula(text, sum((formula.root for formula in known), ZERO))
 
+    def expression(self, place: Place, chosen: Sequence[int]) -> Expr:
+        """Return what a summand is for certain arguments in UFL, readable or not."""
+        known = {
+            part: ufl.as_tensor(values.tolist()) if values.shape else float(values)
+            for part, values in self._arguments(chosen).items()
+        }
+        return ufl.replace(self.terms[place[0]][place[1]], known)
+
+    def _arguments(self, chosen: Sequence[int]) -> dict[Expr, Any]:
+        """What stands for the arguments and for their slopes, as arrays."""
+        known: dict[Expr, Any] = {}
+        for argument, code in zip(self.form.arguments(), chosen, strict=True):
+            shape, slope = argument.ufl_shape, ufl.grad(argument)
+            size, dim = int(np.prod(shape)), slope.ufl_shape[-1]
+            values = np.zeros((size, dim + 1))
+            values[code % size, code // size] = 1.0
+            known[argument] = values[:, 0].reshape(shape)
+            known[slope] = values[:, 1:].reshape(slope.ufl_shape)
+        return known
+
     def _read(
         self, place: Place, chosen: Sequence[int], normal: int, functions: bool
     ) -> Formula | None:
@@ -113,13 +133,7 @@ class Reading:
         for function in self.form.coefficients() if functions else []:
             known[function] = coordinates(first, function.ufl_shape)
             first += known[function].size
-        for argument, code in zip(self.form.arguments(), chosen, strict=True):
-            shape, slope = argument.ufl_shape, ufl.grad(argument)
-            size = int(np.prod(shape))
-            values = np.zeros((size, dim + 1))
-            values[code % size, code // size] = 1.0
-            known[argument] = values[:, 0].reshape(shape)
-            known[slope] = values[:, 1:].reshape(slope.ufl_shape)
+        known |= self._arguments(chosen)
         return read(self.terms[place[0]][place[1]], known)
 
     def _once(self, key: Hashable, find: Callable[[], T]) -> T:
@@ -139,7 +153,8 @@ def is_linear_in_normals(term: Expr, domain: Any, arguments: Sequence[Expr] = ()
         arguments: The arguments of a form, in which the term is linear.
     """
     normal = ufl.FacetNormal(domain)
-    space = ufl.FunctionSpace(normal.ufl_domain(), normal.ufl_domain().ufl_coordinate_element())
+    ufl_domain = ufl.domain.extract_unique_domain(normal)
+    space = ufl.FunctionSpace(ufl_domain, ufl_domain.ufl_coordinate_element())
     stands_for_it = ufl.Argument(space, len(arguments))
     try:
         replaced = ufl.replace(term, {normal: stands_for_it})

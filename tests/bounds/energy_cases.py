@@ -6,9 +6,9 @@ import numpy as np
 import ufl
 from dolfinx import fem, mesh
 
-from dolfinx_signorini.base import compat
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.meshes.sided_meshes import facet_cells
+from dolfinx_signorini.problem.dirichlet import dirichlet
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 KAPPA = 2.0  # of Robin conditions
@@ -52,9 +52,9 @@ class Case:
             return mesh.locate_entities_boundary(domain, d - 1, test) if test else none
 
         self.contact = side(lambda x: np.isclose(x[d - 1], 0.0))
-        dirichlet, on_robin = side(fixed), side(robin)
+        held, on_robin = side(fixed), side(robin)
         every = side(lambda x: np.full(x.shape[1], True))
-        rest = np.setdiff1d(every, np.concatenate((self.contact, dirichlet, on_robin)))
+        rest = np.setdiff1d(every, np.concatenate((self.contact, held, on_robin)))
         flux, load = ufl.dot(A * ufl.grad(u), normal), -ufl.div(A * ufl.grad(u)) + c * u
         marks = [(1, rest), (2, on_robin), (3, self.contact)]
         pairs = [(k, owned_pairs(domain, facets)) for k, facets in marks]
@@ -66,18 +66,14 @@ class Case:
         a = (ufl.dot(A * ufl.grad(w), ufl.grad(v)) + c * w * v) * self.dx
         a += KAPPA * w * v * self.ds(2)
         L = load * v * self.dx + flux * v * self.ds(1) + (flux + KAPPA * u) * v * self.ds(2)
-        bcs = []
-        if fixed:
-            g = fem.Function(space)
-            g.interpolate(fem.Expression(u, compat.interpolation_points(space.element)))
-            bcs = [fem.dirichletbc(g, fem.locate_dofs_topological(space, d - 1, dirichlet))]
+        bcs = [dirichlet(space, held, u)] if fixed else []
         self.terms = EnergyTerms(
             diffusion=A,
             reaction=c,
             load=load,
             neumann=[(flux, rest), (flux + KAPPA * u, on_robin)],
             robin=[(KAPPA, on_robin)] if robin else [],
-            dirichlet=[(u, dirichlet)] if fixed else [],
+            dirichlet=[(u, held)] if fixed else [],
         )
         bound = "upper" if upper else "lower"
         self.problem = SignoriniProblem(
