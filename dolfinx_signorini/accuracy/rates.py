@@ -113,14 +113,19 @@ class Rates:
     def local_prediction(self, norms: Array, p: float) -> Prediction:
         """Return what cells leave in an L^p norm by themselves.
 
+        Where the energy norm of an error falls with the rate s, an L^p norm falls with s + 1. At a
+        singular point the error is in a ball of the size of the cell: by the volume of the ball in
+        d dimensions the rate is s + 1 - d (1/2 - 1/p).
+
         Args:
             norms: The L^p norms of w - I w on the cells.
             p: The exponent.
         """
-        rates = np.minimum(self.values / self._times + self.dimension / p, self.order)
         smooth = self.values >= (1.0 - ROUNDING) * self.order
-        rho = 2.0 ** -np.where(smooth, self.order, rates)
         singular = self.values < SINGULAR * self.order
+        at_points = np.where(singular | self._known, self.dimension * (0.5 - 1.0 / p), 0.0)
+        rates = self.values / self._times + 1.0 - at_points
+        rho = 2.0 ** -np.where(smooth, self.order, np.clip(rates, SLOWEST, self.order))
         remaining = norms * rho / (1.0 - rho)
         return Prediction(remaining, rho, singular, self._confirmed, p, p)
 

@@ -53,6 +53,35 @@ def test_slopes_at_a_singular_vertex_leave_what_the_rates_say(comm, degree, expo
     assert rates.prediction(np.array([apart])).remaining[0] == pytest.approx(error, rel=1e-9)
 
 
+@pytest.mark.parametrize("p", [1, 4, 16])
+@pytest.mark.parametrize("exponent", [0.4, 0.6])
+def test_norms_fall_at_a_singular_vertex_as_the_energy_tells(p, exponent):
+    """Interpolation errors of r^s cos(s phi) on a cell at the origin, and on one half as wide."""
+    energies, norms = [], []
+    for size in (1.0, 0.5):
+        domain = mesh.create_unit_square(MPI.COMM_SELF, 1, 1)
+        domain.geometry.x[:] *= size
+        w, fine = (fem.Function(fem.functionspace(domain, ("Lagrange", k))) for k in (2, 6))
+        for f in (w, fine):
+            f.interpolate(lambda x: np.real((x[0] + 1j * x[1]) ** exponent))
+        e = fine - w
+        energy = ufl.inner(ufl.grad(e), ufl.grad(e)) * ufl.dx
+        energies.append(fem.assemble_scalar(fem.form(energy)) ** 0.5)
+        dx = ufl.dx(metadata={"quadrature_degree": 30})
+        norms.append(fem.assemble_scalar(fem.form(abs(e) ** p * dx)) ** (1.0 / p))
+    rates = Rates(target(f"L{p}"), 2, 1, 2)
+    rates.values[:] = 2.0 * np.log2(energies[0] / energies[1])
+    factor = rates.local_prediction(np.ones(1), float(p)).factors[0]
+    assert factor == pytest.approx(max(norms[1] / norms[0], 2.0**-3), rel=1e-9)
+
+
+def test_norms_fall_by_one_order_more_than_the_energy_of_smooth_parts():
+    """As those of interpolation errors of polynomials: h^k in the energy, h^(k + 1) in L^p."""
+    rates = Rates(target("L16"), 5, 1, 2)
+    rates.values[:] = 2.0 * 2.0
+    assert rates.local_prediction(np.ones(1), 16.0).factors == pytest.approx(2.0**-3)
+
+
 def all_of_them(sided, count):
     """Cells with equal errors are all divided once."""
     return mark_worst(sided, np.ones(count), ORDER, 2.0)
