@@ -38,6 +38,7 @@ from dolfinx_signorini.bounds.condensation import (
     PARTLY,
     CellData,
     gradient_products,
+    joined,
     vertices_of,
 )
 from dolfinx_signorini.bounds.frames import cells_around
@@ -143,8 +144,8 @@ def improved(
         The moments, the moments of the pressures, with their signs, shape (cells, polynomials),
         and in which cells better ones are found.
     """
-    rows = comm.allgather(data.packed())
-    everything = data.some(np.arange(0)).with_rows(np.concatenate(rows))
+    parts = comm.allgather(data)
+    everything = joined(parts)
     found = np.concatenate(comm.allgather(start))
     loads, solvable = np.zeros_like(everything.source), np.zeros(len(found), dtype=bool)
     for members in _clusters(everything.facets):
@@ -156,7 +157,7 @@ def improved(
         if answer is not None:
             found[members], loads[members] = answer
             solvable[members] = True
-    first = sum(map(len, rows[: comm.rank]))
+    first = sum(len(part.vertices) for part in parts[: comm.rank])
     own = slice(first, first + len(start))
     return found[own], loads[own], solvable[own]
 

@@ -8,7 +8,6 @@ does not resolve.
 Source: Smears and Vohralik, ESAIM Math. Model. Numer. Anal. 54 (2020) 1951-1973.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -31,11 +30,10 @@ INTERIOR, DIRICHLET, NEUMANN, OPEN, PARTLY, CLOSED = range(6)
 class CellData:
     """What patches need to know of cells, whose vertices are in the order of the frames.
 
-    Arrays have one row for each cell; facet k lies opposite vertex k. Cell data of several ranks
-    are put together by rows:
+    Arrays have one row for each cell; facet k lies opposite vertex k. Cells of several ranks are
+    put together by rows:
 
-        rows = np.concatenate(comm.allgather(mine.packed()))
-        everything = mine.some(np.arange(0)).with_rows(rows)
+        everything = joined(comm.allgather(mine))
 
     Attributes:
         vertices, facets: Global numbers, shape (cells, d + 1).
@@ -80,22 +78,6 @@ class CellData:
     def some(self, cells: Indices | slice) -> "CellData":
         """Return the data of some cells."""
         return CellData(*(values[cells] for values in vars(self).values()))
-
-    def packed(self) -> Array:
-        """Return all data as one array with a row for each cell."""
-        parts = [np.asarray(part, dtype=np.float64) for part in vars(self).values()]
-        return np.concatenate([p.reshape(len(p), math.prod(p.shape[1:])) for p in parts], axis=1)
-
-    def with_rows(self, rows: Array) -> "CellData":
-        """Return these cell data with those of an array of `packed` below."""
-        if not len(rows):
-            return self
-        own = list(vars(self).values())
-        ends = np.cumsum([math.prod(values.shape[1:]) for values in own])[:-1]
-        parts = zip(np.split(rows, ends, axis=1), own, strict=True)
-        return joined(
-            [self, CellData(*(p.reshape(-1, *v.shape[1:]).astype(v.dtype) for p, v in parts))]
-        )
 
 
 def joined(parts: Sequence[Rows]) -> Rows:

@@ -10,7 +10,7 @@ from dolfinx import mesh
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.ranks import anywhere, summed
-from dolfinx_signorini.bounds.condensation import CLOSED, PARTLY, CellData, vertices_of
+from dolfinx_signorini.bounds.condensation import CLOSED, PARTLY, CellData, joined, vertices_of
 from dolfinx_signorini.bounds.patch_groups import FREE, HALF, SPREAD
 from dolfinx_signorini.bounds.patches import patch_fluxes
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux
@@ -58,9 +58,9 @@ class _SharedPatches:
         self.there = [
             np.flatnonzero((owners == r).any(axis=1) & (r != rank)) for r in range(self.comm.size)
         ]
-        received = self.comm.alltoall([data.some(cells).packed() for cells in self.there])
-        self.ends = np.cumsum([self.count, *map(len, received)])
-        self.data = data.with_rows(np.concatenate(received))
+        received = self.comm.alltoall([data.some(cells) for cells in self.there])
+        self.ends = np.cumsum([self.count, *(len(part.vertices) for part in received)])
+        self.data = joined([data, *received])
         first, last = self.index_map.local_range
         self.here = (self.data.vertices >= first) & (self.data.vertices < last)
         self.modes: Indices = np.full(len(owner), -1)
