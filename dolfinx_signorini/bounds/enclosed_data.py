@@ -25,7 +25,7 @@ from dolfinx_signorini.bounds.cell_values import BEST
 from dolfinx_signorini.bounds.enclosed_diffusion import cell_function, with_enclosed_diffusion
 from dolfinx_signorini.bounds.feasible import known
 from dolfinx_signorini.bounds.frames import cell_frames, on_frames
-from dolfinx_signorini.bounds.remainders import IN_CELLS, MORE, Remainders
+from dolfinx_signorini.bounds.remainders import IN_CELLS, MORE, Remainders, Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, polynomial_degree
 from dolfinx_signorini.data.approximations import ORDERS, approximated, followed_in_parts
 from dolfinx_signorini.data.branches import decided
@@ -50,7 +50,7 @@ class EnclosedData:
     """The data of a solved problem, with the formulas among them enclosed:
 
         data = EnclosedData(problem, terms)
-        terms, rest = data.enclosed(tolerance=1e-3)
+        solved = data.enclosed(tolerance=1e-3)
 
     Args:
         problem: The solved problem; the call is collective.
@@ -65,38 +65,44 @@ class EnclosedData:
         self.problem, self.given, self.domain = problem, terms, problem.space.mesh
         self.comm, self.degree = problem.comm, problem.space.element.basix_element.degree
         self.height = float(np.abs(problem.u.x.array).max(initial=0.0))
-        self.frames = frames = cell_frames(self.domain)
-        self.d = frames.dimension
+        self.frames = cell_frames(self.domain)
+        self.d = self.frames.dimension
         self.corners = cell_corners(self.domain)
         self.width = longest_side(self.comm, self.domain.geometry.x)
         self.load, self.reaction = formula_in(terms.load), formula_in(terms.reaction)
         self.diffusion = [formula_in(entry) for entry in terms.entries(self.d)]
         self.size, self.hidden = self._load_on_cells(), 0.0
+        self.same = self._at_any_tolerance()
 
-    def enclosed(self, tolerance: float) -> tuple[EnergyTerms, Remainders]:
-        """Return the strong form with polynomials in place of formulas; the call is collective.
-
-        Args:
-            tolerance: The energy that may be hidden between the points of rules.
-        """
-        self.hidden, self.tolerance = 0.0, tolerance
-        self.terms, self.rest = with_enclosed_diffusion(
+    def _at_any_tolerance(self) -> tuple[EnergyTerms, Remainders]:
+        """The strong form and remainders of the diffusion, obstacles and Dirichlet data."""
+        terms, rest = with_enclosed_diffusion(
             self.given, self.diffusion, self.domain, self.corners, self.degree
         )
-        self._enclose_reaction()
-        degree = polynomial_degree(self.given.load)
-        if self.load is not None and (degree is None or 2 * degree > BEST[self.d]):
-            self._fit("load", self.load, self._weights())
-        self._enclose_fluxes()
         obstacles = [(each.data, self.problem.contact) for each in self.problem.obstacles]
         on_boundary = [] if self.problem.in_domain else obstacles
-        return self.terms, replace(
-            self.rest,
+        return terms, replace(
+            rest,
             obstacle=self._interpolated(on_boundary),
             dirichlet=self._interpolated(self.given.dirichlet),
             obstacle_in_space=self._obstacle_in_space(on_boundary),
             obstacles_in_cells=self._obstacles_in_cells(),
         )
+
+    def enclosed(self, tolerance: float) -> Solved:
+        """Return the problem with polynomials in place of formulas; the call is collective.
+
+        Args:
+            tolerance: The energy that may be hidden between the points of rules.
+        """
+        self.hidden, self.tolerance = 0.0, tolerance
+        self.terms, self.rest = self.same
+        self._enclose_reaction()
+        degree = polynomial_degree(self.given.load)
+        if self.load is not None and (degree is None or 2 * degree > BEST[self.d]):
+            self._fit("load", self.load, self._weights())
+        self._enclose_fluxes()
+        return Solved(self.problem, self.terms, self.frames, self.rest)
 
     def _load_on_cells(self) -> float:
         """The energy of the load at the middles of cells, or of what the solution tells of it."""
@@ -114,11 +120,6 @@ class EnclosedData:
     def _enclose_reaction(self) -> None:
         formula = self.reaction
         if formula is None:
-            return
-        if formula.constant is not None:
-            require(self.comm, formula.constant >= 0.0, "negative at some point", "reaction")
-            every = np.full(len(self.corners), formula.constant)
-            self.rest = replace(self.rest, least_reaction=every, largest_reaction=every)
             return
         low, high = enclosed_on_simplices(formula, self.corners)
         if anywhere(self.comm, np.isinf(low) | np.isinf(high)):
@@ -261,11 +262,6 @@ class EnclosedData:
         """The energies of unit values, and of unit means, on cells of size 1."""
         rest = self.rest
         a = 1.0 if rest.least_diffusion is None else rest.least_diffusion
-        constants = [None if entry is None else entry.constant for entry in self.diffusion]
-        if None not in constants:
-            rows = math.isqrt(len(constants))
-            matrix = np.array(constants, float).reshape(rows, rows)
-            a = max(float(np.linalg.eigvalsh(matrix)[0]), 0.0)  # a negative one is refused later
         c = np.zeros(1) if rest.least_reaction is None else rest.least_reaction
         wide = np.broadcast_to(self.width, self.frames.volumes.shape)
         with np.errstate(divide="ignore"):

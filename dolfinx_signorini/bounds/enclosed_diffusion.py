@@ -51,9 +51,11 @@ def with_enclosed_diffusion(
         The strong form as it is where the diffusion is constant, or has no good enclosure.
     """
     entries = [entry for entry in given if entry is not None]
-    constant = all(entry.constant is not None for entry in entries)
-    if constant or len(entries) < len(given):
+    if len(entries) < len(given):
         return terms, Remainders()
+    if all(entry.constant is not None for entry in entries):
+        least, _ = eigenvalues(entries, corners)
+        return terms, Remainders(least_diffusion=np.maximum(least, 0.0))  # negative: refused later
     parts = decided(entries, corners)
     least, largest, thin = _spectra(parts, corners)
     others = inverse_entries(entries)

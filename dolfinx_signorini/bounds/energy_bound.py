@@ -105,10 +105,14 @@ def energy_bound(problem: BoundConstrainedProblem, terms: EnergyTerms | None = N
     check(problem=(problem, with_bound))
     problem.check_unchanged()
     _check_mesh(problem)
-    data = EnclosedData(problem, strong_form(problem, terms))
-    bound = bound_by_polynomials(problem, *data.enclosed(HIDDEN * data.size))
+    terms = strong_form(problem, terms)
+    data = EnclosedData(problem, terms)
+    bound = _by_a_flux(data.enclosed(HIDDEN * data.size))
     if data.hidden > 2.0 * HIDDEN * bound.flux > 0.0:
-        bound = bound_by_polynomials(problem, *data.enclosed(HIDDEN * bound.flux))
+        bound = _by_a_flux(data.enclosed(HIDDEN * bound.flux))
+    read = [(formula_in(given), on) for given, on in terms.dirichlet]
+    if data_jumps(problem.space.mesh, [(given, on) for given, on in read if given is not None]):
+        return replace(bound, total=math.inf, notes=(*bound.notes, TORN))
     return bound
 
 
@@ -125,12 +129,7 @@ def bound_by_polynomials(
     Raises:
         InputError: The terms contradict each other.
     """
-    domain = problem.space.mesh
-    bound = _by_a_flux(Solved(problem, terms, cell_frames(domain), rest))
-    read = [(formula_in(data), on) for data, on in terms.dirichlet]
-    if data_jumps(domain, [(data, on) for data, on in read if data is not None]):
-        return replace(bound, total=math.inf, notes=(*bound.notes, TORN))
-    return bound
+    return _by_a_flux(Solved(problem, terms, cell_frames(problem.space.mesh), rest))
 
 
 def _by_a_flux(solved: Solved) -> EnergyBound:

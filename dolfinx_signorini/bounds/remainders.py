@@ -32,7 +32,7 @@ class Remainders:
 
     Nothing is missed of data that are polynomials, and all bounds are 0:
 
-        bound = energy_bound(problem, terms, Remainders(load=missed, load_mean=mean))
+        bound = bound_by_polynomials(problem, terms, Remainders(load=missed, load_mean=mean))
 
     Attributes:
         load, load_mean: The L2 norm on each cell, and the largest mean of the product with a
@@ -44,7 +44,7 @@ class Remainders:
             order of `EnergyTerms.entries`; () for a constant diffusion.
         least_reaction, largest_reaction: The extrema of the reaction on each cell; None for the
             extrema of the polynomial at points.
-        least_diffusion, largest_diffusion: The same for eigenvalues; None for a constant diffusion.
+        least_diffusion, largest_diffusion: The same for eigenvalues of the diffusion.
         thin: The share of each cell where the diffusion may not be the one of the terms, with the
             least and the largest eigenvalue on this share, shape (3, cells); None for no share.
         flux, flux_mean: The norm and the mean on each facet of the frames, shape (cells, d + 1).

@@ -51,6 +51,8 @@ def enclosed_on_simplices(formula: Formula, corners: Array) -> Array:
     Returns:
         The lower and the upper ends, shape (2, simplices).
     """
+    if formula.constant is not None:
+        return np.full((2, len(corners)), formula.constant)
     return enclosed_both_ways(formula, corners)[0]
 
 
