@@ -148,10 +148,10 @@ def on_parts(frames: Frames, marked: Mask, series: Array) -> tuple[FacetPoints, 
         The points, with a rule for products of two polynomials of the degree of the series, and
         the values at the points, see `positive_on_parts`.
     """
-    degree = series.shape[1] - 1
-    (t, weights), (cells, facets) = rule_on_parts(2 * degree), np.nonzero(marked)
+    t, weights = rule_on_parts(2 * (series.shape[1] - 1))
+    cells, facets = np.nonzero(marked)
     points = FacetPoints(frames, cells, facets, t[:, None], weights)
-    return points, positive_on_parts(degree, PARTS, series, points.inside[:, :, 0])
+    return points, positive_on_parts(PARTS, series, points.inside[:, :, 0])
 
 
 def facet_kinds(solved: Solved) -> tuple[Indices, Indices]:

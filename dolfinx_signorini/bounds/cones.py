@@ -7,7 +7,6 @@ that is homogeneous of some degree about this vertex, and vanishes on the other 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import basix
 import numpy as np
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
@@ -16,11 +15,13 @@ from dolfinx_signorini.bounds.condensation import CLOSED, OPEN
 from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.reference_flux import PARTS
 from dolfinx_signorini.meshes.polynomials import (
-    CELLS,
+    derivatives,
+    gauss_lobatto,
     highest_on_parts,
     largest,
     lowest,
     others,
+    polynomials,
 )
 
 
@@ -64,14 +65,12 @@ class Cones:
         """
         degree, d = self.coefficients.shape[1] - 1, self.frames.dimension
         t, weights = rule_on_parts(2 * degree)
-        scale = np.sqrt(2.0 * np.arange(degree + 1) + 1.0)
-        series = (self.coefficients * scale).T
-        legendre = np.polynomial.legendre
-        w = legendre.legval(2.0 * t - 1.0, series)
-        slope = 2.0 * legendre.legval(2.0 * t - 1.0, legendre.legder(series))
+        slopes = derivatives(self.coefficients)
+        w = self.coefficients @ polynomials(1, degree, t[:, None])
+        slope = slopes @ polynomials(1, degree - 1, t[:, None])
         above = self.coefficients.copy()
         above[:, 0] += self.missed[0]
-        kept = ~self.positive[:, None] | (highest_on_parts(degree, PARTS, above) > self.tiny)
+        kept = ~self.positive[:, None] | (highest_on_parts(PARTS, above) > self.tiny)
         weights = np.repeat(kept, len(t) // PARTS, axis=1) * weights
         ends = others(d)[self.facets]
         frames = self.frames.some(self.cells)
@@ -99,7 +98,6 @@ class Cones:
         steep = (
             k * (value + largest(1, degree, self.coefficients)) * np.linalg.norm(both[:, 0], axis=1)
         )
-        slopes = 2.0 * legendre.legder(series).T / scale[:-1]
         slope = self.missed[1] + largest(1, degree - 1, slopes)
         steep += slope * np.linalg.norm(own, axis=2).max(axis=1, initial=0.0)
         norms += np.sqrt(size * strip[self.cells]) * steep
@@ -115,9 +113,7 @@ def lattice(frames: Frames, marked: Mask, degree: int) -> FacetPoints:
         marked: The facets, shape (cells, d + 1).
         degree: The degree.
     """
-    d = frames.dimension - 1
-    kind, method = basix.LatticeType.gll, basix.LatticeSimplexMethod.isaac
-    points = np.clip(basix.create_lattice(CELLS[d], degree, kind, True, method), 0.0, 1.0)
+    points = gauss_lobatto(degree)
     none = np.zeros(len(points))
     cells, facets = np.nonzero(marked)
     return FacetPoints(frames, cells, facets, points, none)

@@ -14,7 +14,6 @@ Intervalles..., Ann. Scuola Norm. Sup. Pisa 1 (1932) 263.
 
 import math
 
-import basix
 import numpy as np
 
 from dolfinx_signorini.base.arrays import Array, Mask
@@ -23,7 +22,13 @@ from dolfinx_signorini.data.analytic import missed_by_discs
 from dolfinx_signorini.data.enclosures import enclosed_slopes
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.pieces import inside
-from dolfinx_signorini.meshes.polynomials import highest_on_parts, largest, polynomials
+from dolfinx_signorini.meshes.polynomials import (
+    derivatives,
+    gauss_lobatto,
+    highest_on_parts,
+    largest,
+    polynomials,
+)
 
 PARTS = 64  # of a segment where a formula is not smooth
 
@@ -83,21 +88,19 @@ def _by_discs(formula: Formula, corners: Array, n: int) -> Array:
 
 def _in_parts(formula: Formula, corners: Array, degree: int) -> Array:
     """The largest derivatives of the differences on parts of segments, shape (segments, parts)."""
-    kind, method = basix.LatticeType.gll, basix.LatticeSimplexMethod.isaac
-    nodes = np.asarray(basix.create_lattice(basix.CellType.interval, degree, kind, True, method))
-    nodes = np.clip(nodes, 0.0, 1.0)  # where rounding has the first one outside
+    nodes = gauss_lobatto(degree)
     inverse = np.linalg.inv(polynomials(1, degree, nodes))
     series = evaluated(formula.root, inside(corners, nodes)).T @ inverse
-    slopes = _derivatives(series)
-    most = highest_on_parts(degree - 1, PARTS, slopes)
-    least = -highest_on_parts(degree - 1, PARTS, -slopes)
+    slopes = derivatives(series)
+    most = highest_on_parts(PARTS, slopes)
+    least = -highest_on_parts(PARTS, -slopes)
     parts = _divided(corners)
     low, high = PARTS * enclosed_slopes(formula, parts).reshape(2, -1, PARTS)
     apart = np.maximum(high - least, most - low)
     places = ((np.arange(PARTS)[:, None] + nodes[:, 0]) / PARTS).reshape(-1, 1)
     there = (series @ polynomials(1, degree, places)).reshape(-1, len(nodes))
     own = evaluated(formula.root, inside(parts, nodes)).T - there
-    between = largest(1, degree - 1, _derivatives(own @ inverse))
+    between = largest(1, degree - 1, derivatives(own @ inverse))
     by_discs = PARTS * (_by_discs(formula, parts, degree) + between).reshape(-1, PARTS)
     return np.asarray(np.fmin(apart, by_discs))
 
@@ -108,9 +111,3 @@ def _divided(corners: Array) -> Array:
     points = (1.0 - places) * corners[:, :1] + places * corners[:, 1:]
     parts = np.stack((points[:, :-1], points[:, 1:]), axis=2)
     return parts.reshape(-1, 2, corners.shape[2])
-
-
-def _derivatives(series: Array) -> Array:
-    """The coefficients of the derivatives of polynomials on the unit interval."""
-    legendre, scale = np.polynomial.legendre, np.sqrt(2.0 * np.arange(series.shape[1]) + 1.0)
-    return np.asarray(2.0 * legendre.legder((series * scale).T).T / scale[:-1])

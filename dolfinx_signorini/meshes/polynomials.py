@@ -53,16 +53,17 @@ def largest(dimension: int, degree: int, coefficients: Array) -> Array:
     return np.asarray(np.abs(coefficients @ _to_bernstein(dimension, degree)).max(axis=-1))
 
 
-def positive_on_parts(degree: int, count: int, coefficients: Array, places: Array) -> Array:
+def positive_on_parts(count: int, coefficients: Array, places: Array) -> Array:
     """Return functions that are not below the positive parts of polynomials on the unit interval.
 
     On each of some equal parts of the interval the functions are polynomials, too: negative
     Bernstein coefficients become 0.
 
     Args:
-        degree, count, coefficients: See `highest_on_parts`.
+        count, coefficients: See `highest_on_parts`.
         places: Points of the unit interval for each polynomial, shape (n, points).
     """
+    degree = coefficients.shape[1] - 1
     part = np.minimum((count * places).astype(np.int64), count - 1)
     above = np.maximum(coefficients @ on_parts(degree, count), 0.0)
     basis = _bernstein(degree, (count * places - part).reshape(-1, 1))
@@ -70,17 +71,17 @@ def positive_on_parts(degree: int, count: int, coefficients: Array, places: Arra
     return np.asarray(np.einsum("nqk,knq->nq", above[part, np.arange(len(part))[:, None]], basis))
 
 
-def highest_on_parts(degree: int, count: int, coefficients: Array) -> Array:
+def highest_on_parts(count: int, coefficients: Array) -> Array:
     """Return upper bounds of polynomials on equal parts of the unit interval.
 
     Args:
-        degree: The degree of the polynomials.
         count: The number of parts.
         coefficients: The polynomials in terms of `polynomials`, shape (n, polynomials).
 
     Returns:
         The bounds, shape (n, count).
     """
+    degree = coefficients.shape[1] - 1
     return np.asarray((coefficients @ on_parts(degree, count)).max(axis=2).T)
 
 
@@ -89,7 +90,8 @@ def on_parts(degree: int, count: int) -> Array:
     """Return the Bernstein coefficients of the polynomials on equal parts of the unit interval.
 
     Args:
-        degree, count: See `highest_on_parts`.
+        degree: The degree of the polynomials.
+        count: The number of parts.
 
     Returns:
         The coefficients, shape (count, polynomials, coefficients).
@@ -98,6 +100,24 @@ def on_parts(degree: int, count: int) -> Array:
     places = (lattice[:, 0] + np.arange(count)[:, None]).reshape(-1, 1) / count
     table = polynomials(1, degree, places).reshape(-1, count, degree + 1)
     return np.asarray(table.transpose(1, 0, 2) @ np.linalg.inv(_bernstein(degree, lattice)))
+
+
+def derivatives(coefficients: Array) -> Array:
+    """Return the coefficients of the derivatives of polynomials on the unit interval.
+
+    Args:
+        coefficients: The polynomials in terms of `polynomials`, shape (n, polynomials).
+    """
+    scale = np.sqrt(2.0 * np.arange(coefficients.shape[1]) + 1.0)  # to Legendre's polynomials
+    slopes = np.polynomial.legendre.legder(coefficients * scale, axis=1)
+    return np.asarray(2.0 * slopes / scale[:-1])
+
+
+def gauss_lobatto(degree: int) -> Array:
+    """Return the Gauss-Lobatto points of the unit interval for polynomials of a degree."""
+    kind, method = basix.LatticeType.gll, basix.LatticeSimplexMethod.isaac
+    points = np.asarray(basix.create_lattice(CELLS[1], degree, kind, True, method))
+    return np.clip(points, 0.0, 1.0)  # where rounding has the first one outside
 
 
 def equispaced(dimension: int, degree: int) -> Array:
