@@ -1,10 +1,11 @@
-"""Names of arrays in annotations, the same in the whole package."""
+"""Names of arrays in annotations, the same in the whole package; rows in blocks and in an order."""
 
 from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Indices: TypeAlias = npt.NDArray[np.int64]  # of rows of other arrays, and global numbers
@@ -12,6 +13,19 @@ LocalIndices: TypeAlias = npt.NDArray[np.int32]  # of dofs, cells and facets, as
 Mask: TypeAlias = npt.NDArray[np.bool_]
 
 BLOCK = 131_072  # rows of an array that are worked on at a time: little memory for NumPy
+
+
+def blocks(rows: int, width: int, comm: MPI.Comm = MPI.COMM_SELF) -> list[slice]:
+    """Return slices of rows of some numbers, each so short that caches hold the rows.
+
+    Args:
+        rows: The number of rows.
+        width: The number of numbers in each.
+        comm: The ranks that have the same number of slices; collective.
+    """
+    count = comm.allreduce(1 + rows * width // BLOCK, op=MPI.MAX)
+    ends = np.linspace(0, rows, count + 1).astype(int)
+    return list(map(slice, ends[:-1], ends[1:]))
 
 
 def by_place(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dolfinx_signorini.base.arrays import Array, Indices
+from dolfinx_signorini.base.arrays import Array, Indices, blocks
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.bounds.cell_scales import (
     CellScales,
@@ -17,7 +17,7 @@ from dolfinx_signorini.bounds.cell_scales import (
     means,
     stacked,
 )
-from dolfinx_signorini.bounds.condensation import CellData, blocks
+from dolfinx_signorini.bounds.condensation import CellData
 from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux
 from dolfinx_signorini.bounds.remainders import MORE, Remainders, Solved

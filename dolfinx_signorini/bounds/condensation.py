@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, Mask
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.bounds.congruence import alike
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux
 from dolfinx_signorini.meshes.polynomials import barycentric, others, polynomials, rule
@@ -86,19 +85,6 @@ def joined(parts: Sequence[Rows]) -> Rows:
         return parts[0]
     columns = zip(*(vars(part).values() for part in parts), strict=True)
     return type(parts[0])(*map(np.concatenate, columns))
-
-
-def blocks(rows: int, width: int, comm: MPI.Comm = MPI.COMM_SELF) -> list[slice]:
-    """Return slices of rows of some numbers, each so short that caches hold the rows.
-
-    Args:
-        rows: The number of rows.
-        width: The number of numbers in each.
-        comm: The ranks that have the same number of slices; collective.
-    """
-    count = comm.allreduce(1 + rows * width // BLOCK, op=MPI.MAX)
-    ends = np.linspace(0, rows, count + 1).astype(int)
-    return list(map(slice, ends[:-1], ends[1:]))
 
 
 def vertices_of(facets: Mask) -> Mask:

@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 
-from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask, blocks
 from dolfinx_signorini.base.ranks import marked
 from dolfinx_signorini.bounds.better_fluxes import RAISED
 from dolfinx_signorini.bounds.boundary_facets import weightless
 from dolfinx_signorini.bounds.cell_values import BEST, SAMPLED
-from dolfinx_signorini.bounds.condensation import CLOSED, blocks
+from dolfinx_signorini.bounds.condensation import CLOSED
 from dolfinx_signorini.bounds.feasible import Feasible, feasible, in_cells, sides_of, tiny_of
 from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.strong_form import polynomial_degree

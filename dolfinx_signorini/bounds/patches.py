@@ -16,14 +16,13 @@ import math
 
 import numpy as np
 
-from dolfinx_signorini.base.arrays import Array, Indices, Mask
+from dolfinx_signorini.base.arrays import Array, Indices, Mask, blocks
 from dolfinx_signorini.bounds.condensation import (
     CLOSED,
     NEUMANN,
     OPEN,
     PARTLY,
     CellData,
-    blocks,
     contact_shapes,
     forces_of,
     hats,

@@ -21,7 +21,7 @@ from math import comb
 import numpy as np
 from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import BLOCK, Array, Mask
+from dolfinx_signorini.base.arrays import Array, Mask, blocks
 from dolfinx_signorini.base.tolerances import SOLVED, UPWARDS
 from dolfinx_signorini.data.analytic import missed_by_discs
 from dolfinx_signorini.data.branches import Decided, decided
@@ -46,7 +46,6 @@ from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
 ORDERS = {1: 16, 2: 12, 3: 8}  # of the rules on pieces, by dimension
 MOST_WORK = 1_000_000  # pieces that are divided, times the number of operations of a formula
 PIECES = 8  # that are divided together, for each simplex: the price is in proportion to the mesh
-AT_ONCE = 8_192  # pieces on which all operations of a formula are known together
 # Of a formula: where polynomials miss more, it is bounded in parts, or by a higher degree.
 KINKED = 1e-5
 
@@ -96,10 +95,9 @@ class _Part:
     values: Array
     tails: Array  # of what points do not tell: of the root of mean squares, and of means
 
-    def blocks(self, size: int) -> Iterator["_Part"]:
-        """Yield the pieces in blocks of at most a number of pieces."""
-        for first in range(0, len(self.pieces), size):
-            some = slice(first, first + size)
+    def in_blocks(self, width: int) -> Iterator["_Part"]:
+        """Yield the pieces in blocks, for so many numbers for each piece."""
+        for some in blocks(len(self.pieces), width):
             kept = self.pieces[some], self.owners[some], self.shares[some], self.values[some]
             yield _Part(*kept, self.tails[:, some])
 
@@ -125,12 +123,12 @@ def approximated(
     branches = _branches(formula, corners, limits)
     moments = np.zeros((count, comb(degree + dimension, dimension)))
     # The tables of polynomials on all pieces would need much more memory than the pieces.
-    size = moments.shape[1] * len(points)
+    width = moments.shape[1] * len(points)
     parts = [
         some
         for branch in branches
         for part in _parts(branch, degree, limits)
-        for some in part.blocks(max(BLOCK // size, 1))
+        for some in part.in_blocks(width)
     ]
     for part in parts:
         table = _table(part.pieces, points, degree)
@@ -326,8 +324,8 @@ def followed_in_parts(
     coefficients, bounds = followed(formula, corners, degree)
     height = np.abs(coefficients).max(axis=1, initial=0.0)
     rough = np.flatnonzero(np.isfinite(bounds) & (bounds > KINKED * height))
-    count = len(rough) * 2 ** (divisions * (corners.shape[1] - 1))
-    for some in np.array_split(rough, 1 + count // BLOCK) if count else ():
+    size = 2 ** (divisions * (corners.shape[1] - 1))
+    for some in (rough[part] for part in blocks(len(rough), size) if len(rough)):
         whole, found = _by_parts(formula, corners[some], degree, divisions, height[some])
         better = found < bounds[some]
         coefficients[some[better]], bounds[some[better]] = whole[better], found[better]
@@ -378,14 +376,14 @@ def _parts(branch: _Branch, degree: int, limits: _Limits) -> list[_Part]:
     formula, comm, weights, parts = branch.formula, limits.comm, limits.weights, []
     dimension = branch.pieces.shape[1] - 1
     # Ranks may have different formulas, and all leave the loop at the same level.
-    most = comm.allreduce(min(limits.most, MOST_WORK // len(nodes(formula.root))), op=MPI.MIN)
+    operations = len(nodes(formula.root))
+    most = comm.allreduce(min(limits.most, MOST_WORK // operations), op=MPI.MIN)
 
     def look(pieces: Array, owners: Numbers, level: int) -> tuple[Mask, list[Array]]:
         allowed = np.asarray(limits.allowed / weights[:, owners])
-        blocks = [slice(k, k + AT_ONCE) for k in range(0, len(pieces), AT_ONCE)] or [slice(0)]
         found = [
             _enclosed(formula, pieces[some, :, dimension:], degree, allowed[:, some])
-            for some in blocks
+            for some in blocks(len(pieces), operations)
         ]
         tails = np.concatenate([each for each, _ in found], axis=1)
         levels = np.concatenate([each for _, each in found])

@@ -16,7 +16,7 @@ from ufl.classes import Grad
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base import compat, compiled
-from dolfinx_signorini.base.arrays import BLOCK, Array
+from dolfinx_signorini.base.arrays import Array, blocks
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.formulas import Node, coordinates, nodes, together
@@ -100,9 +100,9 @@ class FormulaAtPoints:
             data += [part for component in points.gradients(function) for part in component]
         columns = [np.ravel(column) for column in data]
         result = np.empty((len(self._roots), columns[0].size))
-        for start in range(0, result.shape[1], BLOCK):
-            part = np.stack([column[start : start + BLOCK] for column in columns])
-            result[:, start : start + BLOCK] = together(self._roots, part.T)
+        for some in blocks(result.shape[1], 1):
+            part = np.stack([column[some] for column in columns])
+            result[:, some] = together(self._roots, part.T)
         return list(result.reshape(len(result), *x[0].shape))
 
 
