@@ -15,7 +15,6 @@ import math
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
-from ufl.core.expr import Expr
 
 from dolfinx_signorini.accuracy.cells import volumes
 from dolfinx_signorini.accuracy.targets import Target
@@ -81,7 +80,7 @@ def cells_at_kinks(
     result = np.zeros(count, dtype=bool)
     zone = problem.zones[0]  # cells come first
     for side, obstacle in enumerate(zone.obstacles if zone.in_domain else ()):
-        formula = formula_of(obstacle.data) if isinstance(obstacle.data, Expr) else None
+        formula = formula_of(obstacle.data)
         if formula is not None:
             cells, _, touching = contact_on_entities(zone, side)
             broken = broken_cells([formula], problem.space.mesh)

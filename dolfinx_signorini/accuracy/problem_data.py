@@ -4,7 +4,6 @@ from functools import partial
 
 import numpy as np
 from dolfinx import fem
-from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.coefficients import Coefficients
@@ -35,7 +34,7 @@ def data_of(problem: BoundConstrainedProblem) -> list[Datum]:
     for known in filter(None, map(data_of_condition, problem.bcs)):
         heights.append(("the Dirichlet data", known.value, on_boundary(domain, known.facets)))
     for name, value, parts in heights:
-        formula = formula_of(value) if isinstance(value, Expr) else None
+        formula = formula_of(value)
         if formula is not None and formula.constant is None:
             found.append(Datum(name, formula, "height", degree, *parts))
     return found

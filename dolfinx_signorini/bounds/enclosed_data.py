@@ -31,7 +31,7 @@ from dolfinx_signorini.data.approximations import ORDERS, approximated, followed
 from dolfinx_signorini.data.branches import decided
 from dolfinx_signorini.data.derivatives import simplified
 from dolfinx_signorini.data.enclosures import enclosed_on_simplices, nowhere_negative
-from dolfinx_signorini.data.formulas import Formula, evaluated, number
+from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interpolations import missed_by_interpolation
 from dolfinx_signorini.data.reading import formula_of, has_derivatives, lowered, read
 from dolfinx_signorini.data.readings import is_linear_in_normals
@@ -69,8 +69,8 @@ class EnclosedData:
         self.d = self.frames.dimension
         self.corners = cell_corners(self.domain)
         self.width = longest_side(self.comm, self.domain.geometry.x)
-        self.load, self.reaction = formula_in(terms.load), formula_in(terms.reaction)
-        self.diffusion = [formula_in(entry) for entry in terms.entries(self.d)]
+        self.load, self.reaction = formula_of(terms.load), formula_of(terms.reaction)
+        self.diffusion = [formula_of(entry) for entry in terms.entries(self.d)]
         self.size, self.hidden = self._load_on_cells(), 0.0
         self.same = self._at_any_tolerance()
 
@@ -199,7 +199,7 @@ class EnclosedData:
         With each formula come its facets, as facets of frames, and their vertices.
         """
         open_ = [(d, sides) for d, sides in given if d is not None and not known(d, degree)]
-        found = [(formula_in(data), sides) for data, sides in open_]
+        found = [(formula_of(data), sides) for data, sides in open_]
         read_ = [(formula, *self._facets(on)) for formula, on in found if formula is not None]
         return read_ if len(read_) == len(open_) else []
 
@@ -232,7 +232,7 @@ class EnclosedData:
 
     def _in_cells(self, data: Data) -> tuple[fem.Function, Array] | None:
         """Polynomials for an obstacle; None where the obstacle is one, or is not known."""
-        formula = formula_in(data)
+        formula = formula_of(data)
         if formula is None or known(data, self.degree + IN_CELLS[self.d]):
             return None
         degree, missed = ORDERS[self.d] // 2, np.zeros(len(self.corners))
@@ -283,14 +283,3 @@ class EnclosedData:
         more: dict[str, Any] = {name: missed, f"{name}_mean": found.mean}
         self.rest = replace(self.rest, **more)
         return True
-
-
-def formula_in(data: Any) -> Formula | None:
-    """Return data as a formula; None where data are none.
-
-    Derivatives leave sums in which terms cancel.
-    """
-    if isinstance(data, int | float | np.number):
-        return number(float(data))
-    formula = formula_of(data) if isinstance(data, Expr) else None
-    return simplified(formula) if formula is not None and has_derivatives(data) else formula

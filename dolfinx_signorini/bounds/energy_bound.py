@@ -27,7 +27,7 @@ from dolfinx_signorini.bounds.cell_values import (
 )
 from dolfinx_signorini.bounds.condensation import DIRICHLET, CellData, joined
 from dolfinx_signorini.bounds.contact import contact_of
-from dolfinx_signorini.bounds.enclosed_data import EnclosedData, formula_in
+from dolfinx_signorini.bounds.enclosed_data import EnclosedData
 from dolfinx_signorini.bounds.equilibration import equilibrated
 from dolfinx_signorini.bounds.flux_parts import (
     FluxParts,
@@ -44,6 +44,7 @@ from dolfinx_signorini.bounds.reference_flux import reference_flux
 from dolfinx_signorini.bounds.remainders import NOTHING, Remainders, Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, strong_form
 from dolfinx_signorini.data.interfaces.facet_jumps import data_jumps
+from dolfinx_signorini.data.reading import formula_of
 from dolfinx_signorini.meshes.sided_meshes import longest_side
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.signorini import one_sided
@@ -110,7 +111,7 @@ def energy_bound(problem: BoundConstrainedProblem, terms: EnergyTerms | None = N
     bound = _by_a_flux(data.enclosed(HIDDEN * data.size))
     if data.hidden > 2.0 * HIDDEN * bound.flux > 0.0:
         bound = _by_a_flux(data.enclosed(HIDDEN * bound.flux))
-    read = [(formula_in(given), on) for given, on in terms.dirichlet]
+    read = [(formula_of(given), on) for given, on in terms.dirichlet]
     if data_jumps(problem.space.mesh, [(given, on) for given, on in read if given is not None]):
         return replace(bound, total=math.inf, notes=(*bound.notes, TORN))
     return bound

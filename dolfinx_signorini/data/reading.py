@@ -24,6 +24,7 @@ from ufl.core.expr import Expr
 from ufl.corealg.traversal import unique_post_traversal, unique_pre_traversal
 
 from dolfinx_signorini.base.compat import ELEMENTS
+from dolfinx_signorini.data.derivatives import simplified
 from dolfinx_signorini.data.enclosures import enclosed_everywhere
 from dolfinx_signorini.data.formulas import ZERO, Formula, Node, folded, nodes, number, shortened
 from dolfinx_signorini.data.operations import FUNCTIONS, OPERATIONS
@@ -60,8 +61,8 @@ class Unreadable(Exception):
     """A part of an expression is no formula in the coordinates."""
 
 
-def formula_of(expression: Expr) -> Formula | None:
-    """Return a scalar UFL expression of the coordinates as a formula; None for any other.
+def formula_of(data: Any) -> Formula | None:
+    """Return data as a formula: a number or a scalar UFL expression of the coordinates.
 
     For example:
 
@@ -69,11 +70,17 @@ def formula_of(expression: Expr) -> Formula | None:
         load = formula_of(ufl.exp(-ufl.inner(x, x)) * ufl.conditional(ufl.lt(x[0], 0.5), 1, 2))
 
     Args:
-        expression: The expression.
+        data: The data.
+
+    Returns:
+        The formula, in which terms that derivatives leave are cancelled; None for other data.
     """
-    if expression.ufl_shape != () or expression.ufl_free_indices:
+    if isinstance(data, int | float | np.number):
+        return number(float(data))
+    if not isinstance(data, Expr) or data.ufl_shape != () or data.ufl_free_indices:
         return None
-    return read(lowered(expression), {})
+    formula = read(lowered(data), {})
+    return simplified(formula) if formula is not None and has_derivatives(data) else formula
 
 
 def lowered(expression: Any) -> Any:
