@@ -12,8 +12,6 @@ from collections.abc import Iterator, Sequence
 import ufl
 from dolfinx import fem
 from ufl.algorithms import estimate_total_polynomial_degree
-from ufl.algorithms.expand_indices import expand_indices
-from ufl.algorithms.remove_complex_nodes import remove_complex_nodes
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.accuracy.cells import MAX_DEGREE
@@ -61,23 +59,7 @@ def _few_points(integral: ufl.Integral, functions: Sequence[Expr]) -> int | None
     if not isinstance(degree, int) or degree < 0:
         degree = estimate_total_polynomial_degree(integrand)
         degree = max(degree) if isinstance(degree, tuple) else degree
-    known = _degree(integrand, functions)
+    order = functions[0].ufl_function_space().element.basix_element.degree
+    slopes = {ufl.grad(f): order - 1 for f in functions}
+    known = polynomial_degree(integrand, dict.fromkeys(functions, order) | slopes)
     return None if known is not None and known <= degree else int(degree)
-
-
-def _degree(integrand: Expr, functions: Sequence[Expr]) -> int | None:
-    """The degree of an integrand that is a polynomial on each cell; None for others."""
-    degree = functions[0].ufl_function_space().element.basix_element.degree
-    x = ufl.SpatialCoordinate(functions[-1].ufl_function_space().mesh)[0]
-    known: dict[Expr, Expr] = {}
-    for f in functions:
-        slopes = ufl.grad(f)
-        known |= {f: _filled(x**degree, f), slopes: _filled(x ** (degree - 1), slopes)}
-    return polynomial_degree(expand_indices(ufl.replace(remove_complex_nodes(integrand), known)))
-
-
-def _filled(entry: Expr, like: Expr) -> Expr:
-    """An expression of the shape of another one with one entry everywhere."""
-    for size in reversed(like.ufl_shape):
-        entry = ufl.as_tensor(size * [entry])
-    return entry

@@ -1,6 +1,6 @@
 """The strong form of a problem: read from the forms of the problem, or stated."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -9,22 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
-from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
-from ufl.algorithms.apply_derivatives import apply_derivatives
-from ufl.classes import (
-    ComponentTensor,
-    ConstantValue,
-    Division,
-    Indexed,
-    IndexSum,
-    ListTensor,
-    MultiIndex,
-    Power,
-    Product,
-    ScalarValue,
-    SpatialCoordinate,
-    Sum,
-)
+from ufl.algorithms.analysis import extract_coefficients, extract_type
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
@@ -32,6 +17,10 @@ from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check, data, indices, instance, on_mesh, optional, sequence
 from dolfinx_signorini.base.ranks import function_with
 from dolfinx_signorini.data.form_data import cells_of, facets_of
+from dolfinx_signorini.data.formulas import Formula
+from dolfinx_signorini.data.interfaces import rules
+from dolfinx_signorini.data.interfaces.singular_sets import margins
+from dolfinx_signorini.data.reading import Unreadable, lowered, more_coordinates, roots
 from dolfinx_signorini.data.readings import Reading
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_count
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
@@ -41,8 +30,6 @@ from dolfinx_signorini.problem.values import Data
 Scalar: TypeAlias = Expr | float
 
 STATED = "the bound then needs the strong form, as `EnergyTerms`"
-
-SUMS = ComponentTensor | Indexed | IndexSum | ListTensor | Sum
 
 
 @dataclass(frozen=True)
@@ -270,11 +257,14 @@ def _with_facets(pair: Any) -> str:
     return indices(pair[1]) or given
 
 
-def polynomial_degree(data: "Data | FacetPolynomials | None") -> int | None:
+def polynomial_degree(
+    data: "Data | FacetPolynomials | None", degrees: Mapping[Expr, int] | None = None
+) -> int | None:
     """Return the degree of a polynomial in the coordinates on each cell, and None for others.
 
     Args:
         data: A number, a UFL expression or a callable, which is no polynomial; None counts as 0.
+        degrees: The degrees of arguments of forms, and of derivatives.
     """
     if data is None or isinstance(data, int | float | np.number):
         return 0
@@ -282,32 +272,16 @@ def polynomial_degree(data: "Data | FacetPolynomials | None") -> int | None:
         return data.degree
     if not isinstance(data, Expr):
         return None
-    expression = apply_derivatives(apply_algebra_lowering(data))
-    return _degree(expression, {})
-
-
-def _degree(node: Expr, done: dict[int, int | None]) -> int | None:
-    if id(node) not in done:  # conditions have no equality
-        done[id(node)] = _new_degree(node, done)
-    return done[id(node)]
-
-
-def _new_degree(node: Expr, done: dict[int, int | None]) -> int | None:
-    if isinstance(node, SpatialCoordinate):
-        return 1
-    if isinstance(node, ConstantValue | MultiIndex | ufl.Constant | ufl.FacetNormal):
-        return 0
-    if isinstance(node, fem.Function):
-        return int(node.function_space.element.basix_element.embedded_superdegree)
-    if isinstance(node, Power) and isinstance(node.ufl_operands[1], ScalarValue):
-        base, power = _degree(node.ufl_operands[0], done), float(node.ufl_operands[1])
-        return None if base is None or power < 0 or power % 1 else base * int(power)
-    if not isinstance(node, Division | Product | SUMS):
+    expression = lowered(data)
+    known = dict.fromkeys(extract_type(expression, ufl.FacetNormal), 0)
+    for f in extract_coefficients(expression):
+        if isinstance(f, fem.Function):
+            known[f] = int(f.function_space.element.basix_element.embedded_superdegree)
+    known |= degrees or {}
+    places = more_coordinates(3, known)
+    every = [1, 1, 1, *(known[part] for part, own in places.items() for _ in own.flat)]
+    try:
+        (root,) = roots(ufl.as_vector([expression]), places)
+    except Unreadable:
         return None
-    parts = [_degree(operand, done) for operand in node.ufl_operands]
-    found = [part for part in parts if part is not None]
-    if len(found) < len(parts):
-        return None
-    if isinstance(node, Division):
-        return None if found[1] else found[0]
-    return sum(found) if isinstance(node, Product) else max(found)
+    return None if margins(Formula("", root)) else rules.polynomial_degree(root, every)

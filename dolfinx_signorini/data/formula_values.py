@@ -6,7 +6,6 @@ points are data, the same ones for all cells or other ones for each cell.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import ufl
@@ -19,8 +18,8 @@ from dolfinx_signorini.base import compat, compiled
 from dolfinx_signorini.base.arrays import Array, blocks
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.tolerances import SOLVED
-from dolfinx_signorini.data.formulas import Node, coordinates, nodes, together
-from dolfinx_signorini.data.reading import Unreadable, lowered, roots
+from dolfinx_signorini.data.formulas import Node, nodes, together
+from dolfinx_signorini.data.reading import Unreadable, lowered, more_coordinates, roots
 from dolfinx_signorini.meshes.points import Points
 
 # Of the largest value in a cell: a point that moves inwards as `Points.inside` has it changes the
@@ -51,14 +50,11 @@ class FormulaAtPoints:
         self._inside = inside
         self._constants = extract_constants(self._vector)
         self._functions = extract_coefficients(self._vector)
-        self._places: dict[Expr, Any] = {}  # more coordinates of the formulas
         self._normals = list(extract_type(self._vector, ufl.FacetNormal))
         slopes = extract_type(self._vector, Grad)
         self._slopes = [each for each in map(ufl.grad, self._functions) if each in slopes]
-        first = domain.geometry.dim
-        for part in self._normals + self._functions + self._slopes:
-            self._places[part] = coordinates(first, part.ufl_shape)
-            first += self._places[part].size
+        parts = self._normals + self._functions + self._slopes
+        self._places = more_coordinates(domain.geometry.dim, parts)
         try:
             self._roots = self._read()
         except Unreadable as rest:

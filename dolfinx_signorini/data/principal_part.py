@@ -20,6 +20,7 @@ from dolfinx_signorini.data.coefficients import tensor
 from dolfinx_signorini.data.form_data import cells_of
 from dolfinx_signorini.data.formulas import ZERO, Formula, Node, nodes, together
 from dolfinx_signorini.data.interfaces.jumps import marks_projections
+from dolfinx_signorini.data.reading import more_coordinates
 from dolfinx_signorini.data.readings import Reading
 from dolfinx_signorini.meshes.points import Points
 
@@ -133,13 +134,12 @@ def principal_part(a: ufl.Form) -> PrincipalPart | None:
         return None
     leaves = {n for part in found for root in set(part.flat) for n in nodes(root)}
     used = {int(n.value) for n in leaves if n.op == "coordinate"}
-    functions, first = [], dim
-    for f in a.coefficients():
-        last = first + math.prod(f.ufl_shape)
-        # Projections jump between cells, unlike the formula that they stand for.
-        functions.append((f, marks_projections(f) or not used & set(range(first, last))))
-        first = last
-    part = PrincipalPart(space.mesh, tuple(found), tuple(cells), tuple(functions))
+    # Projections jump between cells, unlike the formula that they stand for.
+    functions = tuple(
+        (f, marks_projections(f) or used.isdisjoint(int(n.value) for n in components.flat))
+        for f, components in more_coordinates(dim, a.coefficients()).items()
+    )
+    part = PrincipalPart(space.mesh, tuple(found), tuple(cells), functions)
     try:  # values of functions in other spaces are not known
         part.at_corners(np.empty(0, dtype=np.int32))
     except InputError:

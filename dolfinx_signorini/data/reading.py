@@ -10,7 +10,7 @@ not. So distances are recognised here.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from functools import reduce
 from typing import Any
@@ -26,7 +26,16 @@ from ufl.corealg.traversal import unique_post_traversal, unique_pre_traversal
 from dolfinx_signorini.base.compat import ELEMENTS
 from dolfinx_signorini.data.derivatives import simplified
 from dolfinx_signorini.data.enclosures import enclosed_everywhere
-from dolfinx_signorini.data.formulas import ZERO, Formula, Node, folded, nodes, number, shortened
+from dolfinx_signorini.data.formulas import (
+    ZERO,
+    Formula,
+    Node,
+    coordinates,
+    folded,
+    nodes,
+    number,
+    shortened,
+)
 from dolfinx_signorini.data.operations import FUNCTIONS, OPERATIONS
 from dolfinx_signorini.data.parsing import MAX_SIZE
 
@@ -109,6 +118,15 @@ def read(expression: Expr, terminals: Terminals) -> Formula | None:
     if root.op == "number":  # the text of a large expression takes longer than all else
         return number(root.value)
     return Formula(shortened(str(expression))[1:-1], root)
+
+
+def more_coordinates(first: int, terminals: Iterable[Expr]) -> dict[Expr, Any]:
+    """Return coordinates that stand for the components of terminals, from a number on."""
+    result: dict[Expr, Any] = {}
+    for terminal in terminals:
+        result[terminal] = coordinates(first, terminal.ufl_shape)
+        first += result[terminal].size
+    return result
 
 
 def roots(vector: Expr, terminals: Terminals) -> list[Node]:

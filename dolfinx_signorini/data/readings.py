@@ -19,8 +19,8 @@ from ufl.core.expr import Expr
 from ufl.corealg.traversal import traverse_unique_terminals
 
 from dolfinx_signorini.base.sums_of_squares import summands
-from dolfinx_signorini.data.formulas import ZERO, Formula, coordinates
-from dolfinx_signorini.data.reading import lowered, read
+from dolfinx_signorini.data.formulas import ZERO, Formula
+from dolfinx_signorini.data.reading import lowered, more_coordinates, read
 
 T = TypeVar("T")
 Place = tuple[int, int]  # an integral of a form, and a summand of its integrand
@@ -128,11 +128,8 @@ class Reading:
     ) -> Formula | None:
         domain = self.form.ufl_domain()
         dim = len(ufl.SpatialCoordinate(domain))
-        known: dict[Expr, Any] = {ufl.FacetNormal(domain): np.eye(dim)[normal]}
-        first = dim
-        for function in self.form.coefficients() if functions else []:
-            known[function] = coordinates(first, function.ufl_shape)
-            first += known[function].size
+        known = more_coordinates(dim, self.form.coefficients() if functions else [])
+        known[ufl.FacetNormal(domain)] = np.eye(dim)[normal]
         known |= self._arguments(chosen)
         return read(self.terms[place[0]][place[1]], known)
 

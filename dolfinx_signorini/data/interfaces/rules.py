@@ -33,24 +33,29 @@ CellMeasure: TypeAlias = ufl.Measure | ufl.measure.MeasureSum
 ROUGH = 0.01  # of a formula's size: a larger deviation from linear in a cell asks for more points
 
 
-def polynomial_degree(node: Node) -> int | None:
+def polynomial_degree(node: Node, degrees: Sequence[int] = (1, 1, 1)) -> int | None:
     """Return the degree of a formula that is a polynomial, or one on each side of its jumps.
 
     Args:
         node: The root of the formula's tree.
+        degrees: The degrees of the coordinates.
 
     Returns:
         The degree, which may be too large where terms cancel; None for other formulas.
     """
-    return _Degrees()(node)
+    return _Degrees(degrees)(node)
 
 
 class _Degrees(PerNode[int | None]):
     """The degrees of the nodes of a tree, see `polynomial_degree`."""
 
+    def __init__(self, degrees: Sequence[int]):
+        super().__init__()
+        self.degrees = degrees
+
     def find(self, node: Node) -> int | None:
         if not node.args:
-            return int(node.op == "coordinate")
+            return self.degrees[int(node.value)] if node.op == "coordinate" else 0
         parts = [self(a) for a in (node.args[1:] if node.op == "where" else node.operands)]
         known = _known(parts)
         if node.op == "sign" or known == [0] * len(parts):
