@@ -168,7 +168,6 @@ def facet_kinds(solved: Solved) -> tuple[Indices, Indices]:
             Dirichlet data and is on none of the facets with Dirichlet data.
     """
     problem, terms, frames, comm = solved.problem, solved.terms, solved.frames, solved.comm
-    outer = on_frames(frames, [boundary_facets(frames.domain)])
     fixed = on_frames(frames, [facets for _, facets in terms.dirichlet])
     contact = on_frames(frames, [] if problem.in_domain else [problem.contact])
     flux = on_frames(frames, [facets for _, facets in (*terms.neumann, *terms.robin)])
@@ -177,9 +176,9 @@ def facet_kinds(solved: Solved) -> tuple[Indices, Indices]:
     twice = bool((fixed & (contact | flux)).any())
     require(comm, not twice, "a facet with data is a contact facet or has a flux", "dirichlet")
     _check_fixed(problem, terms)
-    kinds = np.where(outer, NEUMANN, INTERIOR)
-    kinds[fixed & outer] = DIRICHLET
-    kinds[contact & outer] = OPEN
+    kinds = np.where(on_frames(frames, [boundary_facets(frames.domain)]), NEUMANN, INTERIOR)
+    kinds[fixed] = DIRICHLET
+    kinds[contact] = OPEN
     cells, facets = np.nonzero(kinds >= OPEN)
     pairs = np.column_stack((cells, frames.order[cells, facets])).astype(np.int32)
     size = highest(comm, np.abs(problem.u.x.array))

@@ -8,7 +8,6 @@ from dolfinx_signorini.bounds.boundary_facets import FacetPoints, facet_points
 from dolfinx_signorini.bounds.frames import on_frames
 from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.strong_form import FacetPolynomials, polynomial_degree
-from dolfinx_signorini.meshes.sided_meshes import boundary_facets
 from dolfinx_signorini.problem.values import Data
 
 
@@ -27,7 +26,6 @@ def given_fluxes(solved: Solved) -> tuple[Array, Array, list[str]]:
     """
     terms, frames, degree = solved.terms, solved.frames, solved.degree
     marked = on_frames(frames, [f for _, f in (*terms.neumann, *terms.robin)])
-    marked &= on_frames(frames, [boundary_facets(frames.domain)])
     fluxes = [polynomial_degree(data) for data, _ in terms.neumann]
     robin = [polynomial_degree(data) for data, _ in terms.robin]
     found = [n for n in (*fluxes, *robin) if n is not None]

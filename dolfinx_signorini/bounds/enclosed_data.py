@@ -36,7 +36,7 @@ from dolfinx_signorini.data.interpolations import missed_by_interpolation
 from dolfinx_signorini.data.reading import formula_of, has_derivatives, lowered, read
 from dolfinx_signorini.data.readings import is_linear_in_normals
 from dolfinx_signorini.meshes.polynomials import others
-from dolfinx_signorini.meshes.sided_meshes import boundary_facets, cell_corners, longest_side
+from dolfinx_signorini.meshes.sided_meshes import cell_corners, longest_side
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.values import Data
 
@@ -253,10 +253,8 @@ class EnclosedData:
 
     def _facets(self, sides: LocalIndices) -> tuple[Indices, Indices, Array]:
         """Facets of the mesh as facets of frames, with their vertices."""
-        frames = self.frames
-        marks = on_frames(frames, [sides]) & on_frames(frames, [boundary_facets(self.domain)])
-        cells, facets = np.nonzero(marks)
-        return cells, facets, frames.corners[cells[:, None], others(self.d)[facets]]
+        cells, facets = np.nonzero(on_frames(self.frames, [sides]))
+        return cells, facets, self.frames.corners[cells[:, None], others(self.d)[facets]]
 
     def _weights(self) -> Array:
         """The energies of unit values, and of unit means, on cells of size 1."""

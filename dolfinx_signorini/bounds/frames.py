@@ -15,10 +15,11 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.ranks import summed
+from dolfinx_signorini.data.interfaces.pieces import widths
 from dolfinx_signorini.meshes.jacobians import determinants, inverses
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.polynomials import barycentric, polynomials
-from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets, owned_cells
 
 DIRECTION = np.sqrt((1.0, 0.5, 0.3))  # along which no two vertices of a cell of a lattice are level
 
@@ -80,11 +81,7 @@ class Frames:
     @functools.cached_property
     def diameters(self) -> Array:
         """The lengths of the longest edges."""
-        longest = np.zeros(len(self.corners))
-        for a, b in zip(*np.triu_indices(self.dimension + 1, 1), strict=True):
-            edges = self.corners[:, a] - self.corners[:, b]
-            np.maximum(longest, np.einsum("ni,ni->n", edges, edges), out=longest)
-        return np.sqrt(longest)
+        return widths(self.corners)
 
     @functools.cached_property
     def gradients(self) -> Array:
@@ -184,7 +181,7 @@ def cells_around(comm: MPI.Comm, vertices: Indices, marked: Mask) -> Mask:
 
 
 def on_frames(frames: Frames, parts: Sequence[LocalIndices]) -> Mask:
-    """Return whether the facets of cells are in one of several lists of facets; collective.
+    """Return whether facets of cells are on the boundary and in one of several lists; collective.
 
     Args:
         frames: The cells.
@@ -192,7 +189,8 @@ def on_frames(frames: Frames, parts: Sequence[LocalIndices]) -> Mask:
     """
     facets = np.concatenate([*parts, np.empty(0, dtype=np.int32)]).astype(np.int32)
     index_map = frames.domain.topology.index_map(frames.dimension - 1)
-    return np.asarray(summed(index_map, facets)[frames.local_facets] > 0.0)
+    both = (summed(index_map, each) > 0.0 for each in (facets, boundary_facets(frames.domain)))
+    return np.logical_and(*both)[frames.local_facets]
 
 
 def _global(index_map: object, local: LocalIndices) -> Indices:

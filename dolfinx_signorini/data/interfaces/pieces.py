@@ -5,6 +5,7 @@ Pieces are given by their vertices, shape (pieces, vertices, coordinates).
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -37,8 +38,11 @@ def inside(pieces: Array, points: Array) -> Array:
 
 def widths(pieces: Array) -> Array:
     """Return the lengths of the longest edges of pieces."""
-    edges = pieces[:, :, None] - pieces[:, None]
-    return np.asarray(np.linalg.norm(edges, axis=3).max(axis=(1, 2), initial=0.0))
+    longest = np.zeros(len(pieces))
+    for a, b in combinations(range(pieces.shape[1]), 2):
+        edges = pieces[:, a] - pieces[:, b]
+        np.maximum(longest, np.einsum("ni,ni->n", edges, edges), out=longest)
+    return np.sqrt(longest)
 
 
 def divided(pieces: Array, owners: Numbers) -> tuple[Array, Numbers]:
