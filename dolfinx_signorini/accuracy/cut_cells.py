@@ -134,9 +134,8 @@ class _Cuts:
 
     def _projected(self, values: Array) -> Array:
         """The projection on polynomials of the degree of the derivatives, cell by cell."""
-        shape, dim = self.reference.shape[:2], self.reference.shape[2]
-        basis = polynomials(dim, self.degree - 1, self.reference.reshape(-1, dim))
-        basis = basis.reshape(len(basis), *shape)
+        dim = self.reference.shape[2]
+        basis = polynomials(dim, self.degree - 1, self.reference)
         scale = volumes(self.domain)[self.cells] / math.factorial(dim)
         moments = np.array([self.integrals(values * f) / scale for f in basis])
         return np.asarray((moments[:, None, self.owners] * basis).sum(axis=0))

@@ -107,9 +107,8 @@ class FacetPoints:
         Args:
             degree: The degree of the polynomials.
         """
-        side = self.frames.dimension - 1
-        values = polynomials(side, degree, self.inside.reshape(-1, side))
-        return values.reshape(len(values), len(self.cells), len(self.weights)).transpose(1, 0, 2)
+        values = polynomials(self.frames.dimension - 1, degree, self.inside)
+        return values.transpose(1, 0, 2)
 
 
 def facet_points(frames: Frames, marked: Mask, degree: int) -> FacetPoints:

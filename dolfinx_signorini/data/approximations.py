@@ -441,5 +441,4 @@ def _table(pieces: Array, points: Array, degree: int) -> Array:
         table = polynomials(dimension, degree, points)
         return np.broadcast_to(table, (len(pieces), *table.shape))
     places = inside(pieces[..., :dimension], points).transpose(1, 0, 2)
-    table = polynomials(dimension, degree, places.reshape(-1, dimension))
-    return table.reshape(len(table), len(pieces), len(points)).transpose(1, 0, 2)
+    return polynomials(dimension, degree, places).transpose(1, 0, 2)

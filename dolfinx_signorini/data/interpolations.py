@@ -97,8 +97,8 @@ def _in_parts(formula: Formula, corners: Array, degree: int) -> Array:
     parts = _divided(corners)
     low, high = PARTS * enclosed_slopes(formula, parts).reshape(2, -1, PARTS)
     apart = np.maximum(high - least, most - low)
-    places = ((np.arange(PARTS)[:, None] + nodes[:, 0]) / PARTS).reshape(-1, 1)
-    there = (series @ polynomials(1, degree, places)).reshape(-1, len(nodes))
+    places = (np.arange(PARTS)[:, None, None] + nodes) / PARTS
+    there = np.tensordot(series, polynomials(1, degree, places), 1).reshape(-1, len(nodes))
     own = evaluated(formula.root, inside(parts, nodes)).T - there
     between = largest(1, degree - 1, derivatives(own @ inverse))
     by_discs = PARTS * (_by_discs(formula, parts, degree) + between).reshape(-1, PARTS)

@@ -23,14 +23,15 @@ def polynomials(dimension: int, degree: int, points: Array) -> Array:
     Args:
         dimension: The dimension of the simplex.
         degree: The total degree of the polynomials; the first one is 1.
-        points: Points of the reference simplex, shape (points, dimension).
+        points: Points of the reference simplex, shape (..., dimension).
 
     Returns:
-        The values of the polynomials, shape (polynomials, points).
+        The values of the polynomials, shape (polynomials, ...).
     """
-    kind, some = basix.PolynomialType.legendre, np.vstack((points, np.zeros((1, dimension))))
-    values = np.asarray(basix.tabulate_polynomials(kind, CELLS[dimension], degree, some))
-    return np.asarray(values[:, :-1] / math.sqrt(math.factorial(dimension)))  # some, not none
+    kind, more = basix.PolynomialType.legendre, np.zeros((1, dimension))  # some, not none
+    some = np.vstack((points.reshape(-1, dimension), more))
+    values = np.asarray(basix.tabulate_polynomials(kind, CELLS[dimension], degree, some))[:, :-1]
+    return values.reshape(len(values), *points.shape[:-1]) / math.sqrt(math.factorial(dimension))
 
 
 def lowest(dimension: int, degree: int, coefficients: Array) -> Array:
@@ -97,8 +98,7 @@ def on_parts(degree: int, count: int) -> Array:
         The coefficients, shape (count, polynomials, coefficients).
     """
     lattice = equispaced(1, degree)
-    places = (lattice[:, 0] + np.arange(count)[:, None]).reshape(-1, 1) / count
-    table = polynomials(1, degree, places).reshape(-1, count, degree + 1)
+    table = polynomials(1, degree, (lattice + np.arange(count)[:, None, None]) / count)
     return np.asarray(table.transpose(1, 0, 2) @ np.linalg.inv(_bernstein(degree, lattice)))
 
 
