@@ -6,12 +6,14 @@ matrix in the middle of an enclosure by at most the norm of the radii.
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.enclosures import enclosed_gradients, enclosed_on_simplices
-from dolfinx_signorini.data.formulas import ONE, ZERO, Formula, Node
+from dolfinx_signorini.data.formulas import Formula, Node
+from dolfinx_signorini.meshes.jacobians import inverses
 
 
 def eigenvalues(entries: Sequence[Formula], corners: Array) -> tuple[Array, Array]:
@@ -54,17 +56,6 @@ def _centred(ends: Array) -> tuple[Array, Array]:
 def inverse_entries(entries: Sequence[Formula]) -> list[Formula]:
     """Return the entries of the inverse of a matrix of formulas, by cofactors."""
     n = math.isqrt(len(entries))
-    matrix = [[entries[n * i + j].root for j in range(n)] for i in range(n)]
-
-    def cofactor(i: int, j: int) -> Node:
-        if n == 1:
-            return ONE
-        if n == 2:
-            entry = matrix[1 - i][1 - j]
-            return entry if i == j else -entry
-        i, k, j, m = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
-        return matrix[i][j] * matrix[k][m] - matrix[i][m] * matrix[k][j]
-
-    determinant = sum((matrix[0][j] * cofactor(0, j) for j in range(n)), ZERO)
-    found = [cofactor(j, i) / determinant for i in range(n) for j in range(n)]
-    return [Formula("an entry of the inverse of the diffusion", entry) for entry in found]
+    matrix = np.array([entry.root for entry in entries], dtype=object).reshape(n, n)
+    inverse: Any = inverses(matrix) if n > 1 else 1.0 / matrix
+    return [Formula("an entry of the inverse of the diffusion", entry) for entry in inverse.flat]

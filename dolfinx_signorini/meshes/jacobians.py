@@ -1,4 +1,7 @@
-"""Determinants and inverses of many matrices of two or three rows, faster than LAPACK has them."""
+"""Determinants and inverses of many matrices of two or three rows, faster than LAPACK has them.
+
+The entries are numbers, or objects with the operators of numbers.
+"""
 
 import itertools
 
@@ -21,7 +24,7 @@ def inverses(matrices: Array) -> Array:
         (a, b), (c, d) = np.moveaxis(matrices, (-2, -1), (0, 1))
         adjugates = np.moveaxis(np.array([[d, -b], [-c, a]]), (0, 1), (-2, -1))
         return np.asarray(adjugates / determinants(matrices)[..., None, None])
-    result, determinant = np.empty(matrices.shape), determinants(matrices)
+    result, determinant = np.empty_like(matrices), determinants(matrices)
     for i, j in itertools.product(range(3), repeat=2):
         np.divide(_cofactor(matrices, i, j), determinant, out=result[..., j, i])
     return result
