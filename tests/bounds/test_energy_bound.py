@@ -433,6 +433,8 @@ def test_degrees_of_polynomials(comm):
         (3.0, 0),
         (x[0] ** 2 * x[1] + 3, 3),
         (ufl.dot(x, x) ** 2.0, 4),
+        (ufl.inner(x, x), 2),
+        (ufl.sqrt(fem.Constant(domain, 2.0)) * x[0] * ufl.FacetNormal(domain)[1], 1),
         (ufl.div(ufl.grad(x[0] ** 3)), 1),
         (A * x[0], 3),
         (x[0] / 3, 1),
