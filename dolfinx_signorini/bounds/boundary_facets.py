@@ -8,7 +8,7 @@ from dolfinx import fem
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.errors import require
-from dolfinx_signorini.base.ranks import highest, marked
+from dolfinx_signorini.base.ranks import marked
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.bounds.condensation import CLOSED, DIRICHLET, INTERIOR, NEUMANN, OPEN, PARTLY
 from dolfinx_signorini.bounds.frames import Frames, on_frames
@@ -180,8 +180,7 @@ def facet_kinds(solved: Solved) -> tuple[Indices, Indices]:
     kinds[contact] = OPEN
     cells, facets = np.nonzero(kinds >= OPEN)
     pairs = np.column_stack((cells, frames.order[cells, facets])).astype(np.int32)
-    size = highest(comm, np.abs(problem.u.x.array))
-    touching = problem.gap.x.array <= ROUNDING * size
+    touching = problem.gap.x.array <= solved.tiny
     kinds[cells, facets] = _contact_kinds(problem, facet_dofs(problem.space, pairs), touching)
     corners = np.ravel(problem.space.element.basix_element.entity_dofs[0])[frames.order]
     corners = np.take_along_axis(problem.space.dofmap.list[: len(corners)], corners, axis=1)

@@ -10,7 +10,7 @@ from dolfinx_signorini.bounds.better_fluxes import RAISED
 from dolfinx_signorini.bounds.boundary_facets import weightless
 from dolfinx_signorini.bounds.cell_values import BEST, SAMPLED
 from dolfinx_signorini.bounds.condensation import CLOSED
-from dolfinx_signorini.bounds.feasible import Feasible, feasible, in_cells, sides_of, tiny_of
+from dolfinx_signorini.bounds.feasible import Feasible, feasible, in_cells, sides_of
 from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.strong_form import polynomial_degree
 from dolfinx_signorini.meshes.polynomials import rule
@@ -47,7 +47,7 @@ def contact_of(solved: Solved, kinds: Indices) -> tuple[Feasible, Indices, Array
 def _cells(solved: Solved) -> tuple[Indices, Mask]:
     """The number of dofs of owned cells that touch each obstacle and may have a force, and which
     cells touch the obstacle all over, both with the shape (sides, cells)."""
-    problem, cells, tiny = solved.problem, solved.frames.cells, tiny_of(solved)
+    problem, cells, tiny = solved.problem, solved.frames.cells, solved.tiny
     space, u = problem.space, np.asarray(problem.sign * problem.u.x.array, dtype=np.float64)
     owned = dofs_on_entities(space, solved.dimension, problem.contact)
     with_obstacle = np.isin(cells, problem.contact)[:, None]

@@ -64,7 +64,6 @@ class EnclosedData:
     def __init__(self, problem: BoundConstrainedProblem, terms: EnergyTerms):
         self.problem, self.given, self.domain = problem, terms, problem.space.mesh
         self.comm, self.degree = problem.comm, problem.space.element.basix_element.degree
-        self.height = float(np.abs(problem.u.x.array).max(initial=0.0))
         self.frames = cell_frames(self.domain)
         self.d = self.frames.dimension
         self.corners = cell_corners(self.domain)
@@ -129,7 +128,7 @@ class EnclosedData:
         if not nowhere_negative(self.comm, formula, self.corners, tiny):
             self.rest = replace(self.rest, sampled=(*self.rest.sampled, NEGATIVE))
         polynomial = polynomial_degree(self.terms.reaction) is not None
-        weights = self._weights() * max(self.comm.allgather(self.height))
+        weights = self._weights() * highest(self.comm, np.abs(self.problem.u.x.array))
         if polynomial or self._fit("reaction", formula, weights):
             least = np.maximum(low, 0.0)
             self.rest = replace(self.rest, least_reaction=least, largest_reaction=high)

@@ -91,11 +91,6 @@ def sides_of(solved: Solved) -> list[Side]:
     return [Side(sign * each.sign, each.data, sign) for each in solved.problem.obstacles]
 
 
-def tiny_of(solved: Solved) -> float:
-    """Return which values of a solution are rounding; the call is collective."""
-    return ROUNDING * highest(solved.comm, np.abs(solved.problem.u.x.array))
-
-
 def known(data: Data | None, degree: int) -> bool:
     """Return whether data are polynomials of a degree on each cell, and continuous."""
     found = polynomial_degree(data)
@@ -123,7 +118,7 @@ def feasible(solved: Solved, kinds: Indices, closed: list[LocalIndices], partly:
     if all(known(data, degree) for data in given):
         near = _feasible(solved, closed, partly, degree)
         size = highest(solved.comm, np.abs(near.change.x.array))
-        if size <= tiny_of(solved):
+        if size <= solved.tiny:
             near.change.x.array[:] = 0.0
             return near
         if not in_cells:
@@ -153,7 +148,7 @@ def in_cells(solved: Solved) -> list[tuple[Data, Array]]:
 def _feasible(solved: Solved, closed: list[LocalIndices], partly: Mask, degree: int) -> Feasible:
     """What makes a solution feasible, of a degree."""
     problem, frames = solved.problem, solved.frames
-    space, sides, tiny = problem.space, sides_of(solved), tiny_of(solved)
+    space, sides, tiny = problem.space, sides_of(solved), solved.tiny
     dim = solved.dimension - (not problem.in_domain)
     if degree > max(1, solved.degree) or not (degree == 1 or is_bernstein(space)):
         space = lagrange_space(space.mesh, degree, basix.LagrangeVariant.bernstein)
@@ -214,7 +209,7 @@ def _moved(solved: Solved, near: Feasible) -> Feasible:
             hats.x.array[marked(hats.function_space, fixed)] = 0.0
         more.interpolate(hats)
         change.x.array[:] += side.side * more.x.array
-    tiny = tiny_of(solved) + ROUNDING * highest(solved.comm, np.array(lacks))
+    tiny = solved.tiny + ROUNDING * highest(solved.comm, np.array(lacks))
     held = highest(solved.comm, np.array(_lacks(solved, change))) > tiny
     return replace(near, notes=tuple(dict.fromkeys((*near.notes, *(BEYOND,) * held))))
 
@@ -298,7 +293,7 @@ def _coefficients(space: fem.FunctionSpace, data: Data, dofs: LocalIndices) -> A
 def _on_facets(solved: Solved, kinds: Indices) -> Feasible:
     """What makes a solution feasible on the boundary in the plane."""
     problem, frames, rest, comm = solved.problem, solved.frames, solved.rest, solved.comm
-    order, tiny, contact = solved.degree + MORE[2], tiny_of(solved), kinds >= OPEN
+    order, tiny, contact = solved.degree + MORE[2], solved.tiny, kinds >= OPEN
     marks = [(data, on_frames(frames, [at]), rest.dirichlet) for data, at in solved.terms.dirichlet]
     marks = [each for each in marks if each[0] is not None]
     parts, loose, far = [], False, False

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.linalg import null_space
 
 from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.data.interfaces.pieces import corners_of_reference
 from dolfinx_signorini.meshes.polynomials import CELLS, barycentric, polynomials, rule
 
 PARTS = 8  # of a facet, each with its own answer to whether a function is positive
@@ -132,7 +133,7 @@ def _fluxes(element: basix.finite_element.FiniteElement, degree: int) -> list[Ar
     dimension = element.value_shape[0]
     points, weights = rule(dimension - 1, 2 * degree + 2)
     mu = polynomials(dimension - 1, degree, points)
-    corners = np.vstack((np.zeros(dimension), np.eye(dimension)))
+    corners = corners_of_reference(dimension)
     moments = []
     for k in range(dimension + 1):
         x = barycentric(points) @ np.delete(corners, k, axis=0)

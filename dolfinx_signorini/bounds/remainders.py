@@ -3,6 +3,7 @@
 The proof is in docs/method/bound_in_practice.md.
 """
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,6 +13,8 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Indices
+from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.bounds.frames import Frames
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials, Scalar
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
@@ -121,6 +124,11 @@ class Solved:
     def comm(self) -> MPI.Comm:
         """The communicator of the mesh."""
         return self.problem.comm
+
+    @functools.cached_property
+    def tiny(self) -> float:
+        """Which values of the solution are rounding; collective."""
+        return ROUNDING * highest(self.comm, np.abs(self.problem.u.x.array))
 
     @property
     def degree(self) -> int:
