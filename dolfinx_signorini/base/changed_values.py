@@ -13,7 +13,7 @@ from dolfinx_signorini.base.ranks import anywhere
 
 
 class Watch:
-    """Notices changed values of the Constants and Functions in a form.
+    """Notices changed values of the Constants and Functions in a form or an expression.
 
     For example:
 
@@ -22,34 +22,34 @@ class Watch:
         watch.changed(comm)  # True, and False when asked again
 
     Args:
-        form: The form.
+        terms: The form or the expression; None for nothing.
     """
 
-    def __init__(self, form: ufl.Form):
-        self._data = data_in(form)
-        self._digest = digest_of(self._data)
+    def __init__(self, terms: ufl.Form | Expr | None):
+        self._data: list[fem.Constant | fem.Function] = []
+        if terms is not None:
+            self._data = [*extract_constants(terms), *extract_coefficients(terms)]
+        self._digest = self._present()
 
-    def changed(self, comm: MPI.Comm) -> bool:
-        """Return whether a value has changed on some rank since the last call; collective."""
+    def changed(self, comm: MPI.Comm, remember: bool = True) -> bool:
+        """Return whether a value has changed on some rank; collective.
+
+        Args:
+            comm: The communicator.
+            remember: Whether the values are compared with those of this call the next time.
+        """
         if not self._data:
             return False
-        digest = digest_of(self._data)
+        digest = self._present()
         changed = digest != self._digest
-        self._digest = digest
+        if remember:
+            self._digest = digest
         return anywhere(comm, changed)
 
-
-def data_in(terms: ufl.Form | Expr) -> list[fem.Constant | fem.Function]:
-    """Return the Constants and Functions in a form or an expression."""
-    if isinstance(terms, ufl.Form):
-        return [*terms.constants(), *terms.coefficients()]
-    return [*extract_constants(terms), *extract_coefficients(terms)]
-
-
-def digest_of(data: list[fem.Constant | fem.Function]) -> bytes:
-    """Return a digest of the values that Constants and Functions have on this rank."""
-    digest = hashlib.sha256()  # processors have instructions for it
-    for item in data:
-        values = item.x.array if isinstance(item, fem.Function) else item.value
-        digest.update(np.ascontiguousarray(values).view(np.uint8).data)
-    return digest.digest()
+    def _present(self) -> bytes:
+        """A digest of the values that the data have on this rank."""
+        digest = hashlib.sha256()  # processors have instructions for it
+        for item in self._data:
+            values = item.x.array if isinstance(item, fem.Function) else item.value
+            digest.update(np.ascontiguousarray(values).view(np.uint8).data)
+        return digest.digest()

@@ -16,7 +16,7 @@ from dolfinx import fem
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
-from dolfinx_signorini.base.changed_values import data_in, digest_of
+from dolfinx_signorini.base.changed_values import Watch
 from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.base.ranks import anywhere, summed
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
@@ -73,8 +73,7 @@ class Directions:
         size, owned = space.dofmap.bs, nodal.dofmap.index_map.size_local
         self._fixed = fixed
         self.parts = () if direction is None else _parts(direction, size)
-        self._data = data_in(direction) if isinstance(direction, Expr) else []
-        self._digest = digest_of(self._data)
+        self._watch = Watch(direction if isinstance(direction, Expr) else None)
         if direction is None:
             vectors = _normals(nodal, facets)[nodes]
         else:
@@ -112,9 +111,9 @@ class Directions:
                 has changed.
         """
         nodal, size = self.frame.nodal, self.units.shape[1]
-        same = digest_of(self._data) == self._digest
+        changed = self._watch.changed(nodal.mesh.comm, remember=False)
         message = "has changed values: a problem keeps the directions of its start; pose a new one"
-        require(nodal.mesh.comm, same, message, "direction")
+        require(nodal.mesh.comm, not changed, message, "direction")
         values = np.zeros(nodal.dofmap.index_map.size_local * size)
         values[self._fixed] = data
         known = np.where(self._held, values.reshape(-1, size)[self._nodes], 0.0)
