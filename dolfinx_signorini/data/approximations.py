@@ -35,6 +35,7 @@ from dolfinx_signorini.data.interfaces.pieces import (
     corners_of_reference,
     divided,
     inside,
+    relative_sizes,
     subdivide,
     with_reference,
 )
@@ -91,14 +92,13 @@ class _Part:
 
     pieces: Array
     owners: Numbers
-    shares: Array  # of the pieces in their simplices
     values: Array
     tails: Array  # of what points do not tell: of the root of mean squares, and of means
 
     def in_blocks(self, width: int) -> Iterator["_Part"]:
         """Yield the pieces in blocks, for so many numbers for each piece."""
         for some in blocks(len(self.pieces), width):
-            kept = self.pieces[some], self.owners[some], self.shares[some], self.values[some]
+            kept = self.pieces[some], self.owners[some], self.values[some]
             yield _Part(*kept, self.tails[:, some])
 
 
@@ -133,13 +133,13 @@ def approximated(
     for part in parts:
         table = _table(part.pieces, points, degree)
         own = np.einsum("nq,niq->ni", part.values * rule_weights, table)
-        np.add.at(moments, part.owners, part.shares[:, None] * own)
+        np.add.at(moments, part.owners, relative_sizes(part.pieces)[:, None] * own)
     squares, between = np.zeros(count), np.zeros((2, count))
     for part in parts:
         table = _table(part.pieces, points, degree)
         rest = part.values - np.einsum("ni,niq->nq", moments[part.owners], table)
         root = np.sqrt(np.square(rest) @ rule_weights) + part.tails[0]
-        squares += np.bincount(part.owners, part.shares * root**2, count)
+        squares += np.bincount(part.owners, relative_sizes(part.pieces) * root**2, count)
         between += limits.on_simplices(part.pieces, part.owners, part.tails)
     apart = np.zeros((2, count))
     for branch in branches:
@@ -172,7 +172,7 @@ class _Limits:
 
     def on_simplices(self, pieces: Array, owners: Numbers, hidden: Array) -> Array:
         """Return mean squares and means over simplices, of such roots and means on pieces."""
-        shares, count = _shares(pieces), len(self.sizes)
+        shares, count = relative_sizes(pieces), len(self.sizes)
         squares = np.bincount(owners, shares * hidden[0] ** 2, count)
         return np.stack((squares, np.bincount(owners, shares * hidden[1], count)))
 
@@ -189,12 +189,6 @@ class _Limits:
         return np.asarray(open_ & (not self.total(found) <= self.tolerance))
 
 
-def _shares(pieces: Array) -> Array:
-    """The shares of pieces in their simplices."""
-    dimension = pieces.shape[1] - 1
-    return simplex_sizes(pieces[..., :dimension]) * math.factorial(dimension)
-
-
 def _are_whole(pieces: Array) -> bool:
     """Whether pieces are the simplices themselves."""
     dimension = pieces.shape[1] - 1
@@ -209,7 +203,8 @@ def _branches(formula: Formula, corners: Array, limits: _Limits) -> list[_Branch
     def look(pieces: Array, owners: Numbers, level: int) -> tuple[Mask, list[Array]]:
         squares, means, thick = np.zeros((3, len(pieces)))
         for branch in _cut(formula, pieces, np.arange(len(pieces))):
-            at, shares = branch.owners, _shares(branch.pieces) / _shares(pieces)[branch.owners]
+            at = branch.owners
+            shares = relative_sizes(branch.pieces) / relative_sizes(pieces)[at]
             squares += np.bincount(at, shares * branch.apart[0] ** 2, len(pieces))
             means += np.bincount(at, shares * branch.apart[1], len(pieces))
             # What rounding leaves on the wrong side of a cut, no division makes less.
@@ -255,7 +250,7 @@ def _cut(formula: Formula, pieces: Array, owners: Numbers) -> Iterator[_Branch]:
     for node in dict.fromkeys(f for m in margins(formula) for f in factors(m, signs=True)):
         parts, numbers = Interface(node).cut(parts, dimension)
         own = own[numbers]
-    thick = _shares(parts) > 0.0
+    thick = relative_sizes(parts) > 0.0
     parts, own = parts[thick], own[thick]
     found = []
     for part in decided([formula], parts[..., -dimension:], finest=1) if len(parts) else ():
@@ -394,7 +389,7 @@ def _parts(branch: _Branch, degree: int, limits: _Limits) -> list[_Part]:
     ):
         values = _values(formula, pieces[..., dimension:], levels)
         tails[:, ~np.isfinite(values).all(axis=1)] = np.inf
-        parts.append(_Part(pieces, owners, _shares(pieces), np.nan_to_num(values), tails))
+        parts.append(_Part(pieces, owners, np.nan_to_num(values), tails))
     return parts
 
 

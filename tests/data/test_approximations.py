@@ -15,7 +15,7 @@ from dolfinx_signorini.data import approximations
 from dolfinx_signorini.data.analytic import discs
 from dolfinx_signorini.data.approximations import approximated, followed, followed_in_parts
 from dolfinx_signorini.data.formulas import evaluated
-from dolfinx_signorini.data.interfaces.pieces import divided, inside
+from dolfinx_signorini.data.interfaces.pieces import divided, inside, relative_sizes
 from dolfinx_signorini.data.interpolations import missed_by_interpolation
 from dolfinx_signorini.data.matrices import inverse_entries
 from dolfinx_signorini.data.parsing import parse
@@ -313,7 +313,7 @@ def test_data_on_the_other_side_of_a_cut_count(load, cut, monkeypatch):
         chance = 4.0 * np.sqrt(share / len(lattice))  # deviations of the share of points at random
         assert (square <= root**2 + far**2 * chance + 1e-30).all()
         assert (size <= mean + far * chance + 1e-30).all()
-        shares = approximations._shares(branch.pieces)
+        shares = relative_sizes(branch.pieces)
         covered += np.bincount(branch.owners, shares, len(corners))
         larger += int((square > 0.0).sum())
     assert covered == pytest.approx(np.ones(len(corners)), rel=1e-12)

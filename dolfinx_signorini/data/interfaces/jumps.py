@@ -29,6 +29,7 @@ from dolfinx_signorini.data.interfaces.pieces import (
     DEEPEST,
     MOST_PIECES,
     inside,
+    relative_sizes,
     subdivide,
     widths,
     with_reference,
@@ -337,10 +338,9 @@ class Projection(_Cells):
     def _each(self, pieces: Array, degree: int) -> Array:
         """The integrals of the formula with the basis on each piece, shape (pieces, basis)."""
         rule, weights = self._rule(degree)
-        edges = (pieces[:, 1:] - pieces[:, :1])[..., : self.dimension]
         points = inside(pieces, rule)
         values = evaluated(self.formula.root, points[..., self.dimension :])
-        weighted = values * np.abs(np.linalg.det(edges)) * weights[:, None]
+        weighted = values * relative_sizes(pieces) * weights[:, None]
         basis = self._basis(points[..., : self.dimension].reshape(-1, self.dimension))
         return np.einsum("qp,qpb->pb", weighted, basis.reshape(*weighted.shape, self.element.dim))
 

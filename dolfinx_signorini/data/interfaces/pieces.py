@@ -76,6 +76,12 @@ def with_reference(corners: npt.NDArray[np.floating]) -> Array:
     return np.concatenate((reference, corners), axis=2, dtype=np.float64)
 
 
+def relative_sizes(pieces: Array) -> Array:
+    """Return the shares of pieces in their cells, from the coordinates in the reference cell."""
+    edges = (pieces[:, 1:] - pieces[:, :1])[..., : pieces.shape[1] - 1]
+    return np.asarray(np.abs(np.linalg.det(edges)))
+
+
 def subdivide(
     pieces: Array,
     owners: Numbers,
