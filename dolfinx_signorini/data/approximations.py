@@ -85,6 +85,10 @@ class _Branch:
     owners: Numbers
     apart: Array
 
+    def some(self, rows: Mask) -> "_Branch":
+        """Return some of the pieces."""
+        return _Branch(self.formula, self.pieces[rows], self.owners[rows], self.apart[:, rows])
+
 
 @dataclass(frozen=True)
 class _Part:
@@ -189,10 +193,10 @@ class _Limits:
         return np.asarray(open_ & (not self.total(found) <= self.tolerance))
 
 
-def _are_whole(pieces: Array) -> bool:
+def _whole(pieces: Array) -> Mask:
     """Whether pieces are the simplices themselves."""
     dimension = pieces.shape[1] - 1
-    return bool((pieces[..., :dimension] == corners_of_reference(dimension)).all())
+    return np.asarray((pieces[..., :dimension] == corners_of_reference(dimension)).all(axis=(1, 2)))
 
 
 def _branches(formula: Formula, corners: Array, limits: _Limits) -> list[_Branch]:
@@ -217,7 +221,10 @@ def _branches(formula: Formula, corners: Array, limits: _Limits) -> list[_Branch
     steps = subdivide(start, np.arange(len(corners)), look, comm, most)
     for pieces, owners, _, _ in steps:
         for branch in _cut(formula, pieces, owners):
-            found.setdefault((branch.formula.root, _are_whole(branch.pieces)), []).append(branch)
+            whole = _whole(branch.pieces)
+            for kind in (True, False):
+                some = branch.some(whole == kind)
+                found.setdefault((branch.formula.root, kind), []).append(some)
     together = [
         _Branch(
             Formula(formula.text, root),
@@ -233,26 +240,19 @@ def _branches(formula: Formula, corners: Array, limits: _Limits) -> list[_Branch
 
 
 def _cut(formula: Formula, pieces: Array, owners: Numbers) -> Iterator[_Branch]:
-    """Yield branches of a formula with the pieces that are on one side, and parts of the others.
+    """Yield branches of a formula with parts of pieces, which are cut where the formula chooses.
 
     Pieces on which the distance of the branches has no bound keep the formula as it is.
     """
     dimension = pieces.shape[2] - pieces.shape[1] + 1
-    every = np.arange(len(pieces))
-    doubtful, whole = np.zeros(len(pieces), dtype=bool), np.ones(len(pieces), dtype=bool)
-    if margins(formula):
-        for part in decided([formula], pieces[..., -dimension:], finest=1):
-            clear = part.cells[part.shares == 0.0]
-            yield _Branch(part.formulas[0], pieces[clear], owners[clear], np.zeros((2, len(clear))))
-            doubtful[part.cells[part.shares > 0.0]] = True
-            whole[part.cells] = False
-    parts, own = pieces[doubtful], every[doubtful]
+    parts = pieces
+    own: Numbers = np.arange(len(pieces))
     for node in dict.fromkeys(f for m in margins(formula) for f in factors(m, signs=True)):
         parts, numbers = Interface(node).cut(parts, dimension)
         own = own[numbers]
     thick = relative_sizes(parts) > 0.0
     parts, own = parts[thick], own[thick]
-    found = []
+    found, unknown = [], np.zeros(len(pieces), dtype=bool)
     for part in decided([formula], parts[..., -dimension:], finest=1) if len(parts) else ():
         apart = np.zeros((2, len(part.cells)))
         for (other,) in part.others:
@@ -262,12 +262,12 @@ def _cut(formula: Formula, pieces: Array, owners: Numbers) -> Iterator[_Branch]:
             far = np.where(part.shares > 0.0, np.where(np.isnan(far), np.inf, far), 0.0)
             apart = np.maximum(apart, far * np.stack((np.sqrt(part.shares), part.shares)))
         found.append((part, apart))
-        whole[own[part.cells[np.isinf(apart).any(axis=0)]]] = True
+        unknown[own[part.cells[np.isinf(apart).any(axis=0)]]] = True
     for part, apart in found:
-        kept = ~whole[own[part.cells]]
+        kept = ~unknown[own[part.cells]]
         cells = part.cells[kept]
         yield _Branch(part.formulas[0], parts[cells], owners[own[cells]], apart[:, kept])
-    yield _Branch(formula, pieces[whole], owners[whole], np.zeros((2, int(whole.sum()))))
+    yield _Branch(formula, pieces[unknown], owners[unknown], np.zeros((2, int(unknown.sum()))))
 
 
 def followed(formula: Formula, corners: Array, degree: int) -> tuple[Array, Array]:
@@ -432,7 +432,7 @@ def _tails(formula: Formula, pieces: Array, degrees: tuple[int, ...]) -> Array:
 def _table(pieces: Array, points: Array, degree: int) -> Array:
     """The polynomials on simplices at the points of pieces, shape (pieces, polynomials, points)."""
     dimension = points.shape[1]
-    if _are_whole(pieces):  # one table is enough
+    if _whole(pieces).all():  # one table is enough
         table = polynomials(dimension, degree, points)
         return np.broadcast_to(table, (len(pieces), *table.shape))
     places = inside(pieces[..., :dimension], points).transpose(1, 0, 2)
