@@ -14,7 +14,7 @@ misses at most (1 + L) t(n) of f at every point.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import comb
 
@@ -203,10 +203,12 @@ def _branches(formula: Formula, corners: Array, limits: _Limits) -> list[_Branch
     """Simplices, cut where the formula chooses, with its branches; as many on all ranks."""
     start, comm = with_reference(corners), limits.comm
     found: dict[tuple[Node, bool], list[_Branch]] = {}
+    branches: list[_Branch] = []  # of the pieces that are looked at
 
-    def look(pieces: Array, owners: Numbers, level: int) -> tuple[Mask, list[Array]]:
+    def look(pieces: Array, owners: Numbers, level: int) -> tuple[Mask, list[Numbers]]:
         squares, means, thick = np.zeros((3, len(pieces)))
-        for branch in _cut(formula, pieces, np.arange(len(pieces))):
+        branches[:] = _cut(formula, pieces)
+        for branch in branches:
             at = branch.owners
             shares = relative_sizes(branch.pieces) / relative_sizes(pieces)[at]
             squares += np.bincount(at, shares * branch.apart[0] ** 2, len(pieces))
@@ -215,15 +217,16 @@ def _branches(formula: Formula, corners: Array, limits: _Limits) -> list[_Branch
             thin = branch.apart[1] <= math.sqrt(SOLVED) * branch.apart[0]
             thick += np.bincount(at, ~thin, len(pieces))
         open_ = limits.exceeded(pieces, owners, np.stack((np.sqrt(squares), means)))
-        return open_ & (thick > 0.0), []
+        return open_ & (thick > 0.0), [np.arange(len(pieces))]
 
     most = MOST_PIECES // 2 ** (corners.shape[1] - 2)  # for a cut makes several pieces of one
     steps = subdivide(start, np.arange(len(corners)), look, comm, most)
-    for pieces, owners, _, _ in steps:
-        for branch in _cut(formula, pieces, owners):
-            whole = _whole(branch.pieces)
+    for _, owners, _, (numbers,) in steps:
+        for branch in branches:
+            whole, kept = _whole(branch.pieces), np.isin(branch.owners, numbers)
             for kind in (True, False):
-                some = branch.some(whole == kind)
+                some = branch.some(kept & (whole == kind))
+                some = replace(some, owners=owners[np.searchsorted(numbers, some.owners)])
                 found.setdefault((branch.formula.root, kind), []).append(some)
     together = [
         _Branch(
@@ -239,10 +242,11 @@ def _branches(formula: Formula, corners: Array, limits: _Limits) -> list[_Branch
     return together + [nothing] * (count - len(together))
 
 
-def _cut(formula: Formula, pieces: Array, owners: Numbers) -> Iterator[_Branch]:
+def _cut(formula: Formula, pieces: Array) -> Iterator[_Branch]:
     """Yield branches of a formula with parts of pieces, which are cut where the formula chooses.
 
-    Pieces on which the distance of the branches has no bound keep the formula as it is.
+    The owners of the parts are the pieces. A piece on which the distance of the branches has no
+    bound keeps the formula as it is.
     """
     dimension = pieces.shape[2] - pieces.shape[1] + 1
     parts = pieces
@@ -266,8 +270,9 @@ def _cut(formula: Formula, pieces: Array, owners: Numbers) -> Iterator[_Branch]:
     for part, apart in found:
         kept = ~unknown[own[part.cells]]
         cells = part.cells[kept]
-        yield _Branch(part.formulas[0], parts[cells], owners[own[cells]], apart[:, kept])
-    yield _Branch(formula, pieces[unknown], owners[unknown], np.zeros((2, int(unknown.sum()))))
+        yield _Branch(part.formulas[0], parts[cells], own[cells], apart[:, kept])
+    whole = np.flatnonzero(unknown)
+    yield _Branch(formula, pieces[whole], whole, np.zeros((2, len(whole))))
 
 
 def followed(formula: Formula, corners: Array, degree: int) -> tuple[Array, Array]:
