@@ -81,7 +81,7 @@ def cells_at_kinks(
     zone = problem.zones[0]  # cells come first
     for side, obstacle in enumerate(zone.obstacles if zone.in_domain else ()):
         formula = formula_of(obstacle.data)
-        if formula is not None:
+        if formula is not None and formula.constant is None:
             cells, _, touching = contact_on_entities(zone, side)
             broken = broken_cells([formula], problem.space.mesh)
             result[parents[np.intersect1d(cells[touching.any(axis=1)], broken)]] = True
