@@ -33,7 +33,7 @@ from typing import TypeAlias
 
 import numpy as np
 import ufl
-from dolfinx import fem, la
+from dolfinx import fem
 
 from dolfinx_signorini.accuracy.cells import collected, shared_out, total
 from dolfinx_signorini.accuracy.quadrature_errors import missed_by_quadrature
@@ -152,7 +152,7 @@ class Solved:
         """Return a(f, v) for each basis function v on the divided mesh, Dirichlet data or not."""
         placed, form = self._action
         placed.x.array[:] = f.x.array
-        return _assembled(form, self.fine.space)
+        return compiled.assembled(form, self.fine.space)
 
     @functools.cached_property
     def _action(self) -> tuple[fem.Function, fem.Form]:
@@ -328,15 +328,7 @@ def product(one: fem.Function, other: fem.Function) -> fem.Function:
 
 def assembled(form: ufl.Form, space: fem.FunctionSpace) -> fem.Function:
     """Return the values of a linear form for all basis functions, as coefficients; collective."""
-    return _assembled(compiled.form(form), space)
-
-
-def _assembled(form: fem.Form, space: fem.FunctionSpace) -> fem.Function:
-    result = fem.Function(space)
-    fem.assemble_vector(result.x.array, form)
-    result.x.scatter_reverse(la.InsertMode.add)
-    result.x.scatter_forward()
-    return result
+    return compiled.assembled(compiled.form(form), space)
 
 
 def shared_by_cells(values: fem.Function) -> Array:

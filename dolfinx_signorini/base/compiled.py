@@ -21,7 +21,7 @@ import ffcx.codegeneration.jit as ffcx_jit
 import ffcx.naming
 import numpy as np
 import ufl
-from dolfinx import default_scalar_type, fem, jit
+from dolfinx import default_scalar_type, fem, jit, la
 from mpi4py import MPI
 from ufl.algorithms.check_arities import ArityMismatch
 from ufl.algorithms.compute_form_data import compute_form_data
@@ -70,6 +70,20 @@ def integral(item: ufl.Form, subject: str = "") -> float:
         return 0.0
     made = form(item, subject)
     return float(made.mesh.comm.allreduce(fem.assemble_scalar(made)))
+
+
+def assembled(made: fem.Form, space: fem.FunctionSpace) -> fem.Function:
+    """Return the values of a linear form for all basis functions, as coefficients; collective.
+
+    Args:
+        made: The form, compiled.
+        space: The space of its argument.
+    """
+    result = fem.Function(space)
+    fem.assemble_vector(result.x.array, made)
+    result.x.scatter_reverse(la.InsertMode.add)
+    result.x.scatter_forward()
+    return result
 
 
 def form_on(

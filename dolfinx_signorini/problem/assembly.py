@@ -272,12 +272,12 @@ class Assembly:
 
     def _size_by_load(self) -> float:
         """Return about how large the solution is without any bounds or data."""
-        A, b = fem_petsc.assemble_matrix(self._a), fem_petsc.assemble_vector(self._L)
+        A = fem_petsc.assemble_matrix(self._a)
         A.assemble()
-        b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         diagonal = A.getDiagonal()
-        reach = float(b.norm(PETSc.NormType.NORM_1)) / _size(diagonal)
-        destroy(A, b, diagonal)
+        load = compiled.assembled(self._L, self.layout.space).x.array[: diagonal.getLocalSize()]
+        reach = float(self.comm.allreduce(np.abs(load).sum())) / _size(diagonal)
+        destroy(A, diagonal)
         return reach
 
     def _assembled(

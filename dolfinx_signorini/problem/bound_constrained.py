@@ -8,7 +8,6 @@ from typing import Any, TypeAlias
 import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -444,20 +443,17 @@ class BoundConstrainedProblem(OnContact):
             held = held & ~np.isin(nodes, released)
         if self._solver is None:
             self._solver = ActiveSetSolver(system, self._prefix, self._options)
-        if isinstance(load, fem.Function):
-            b = system.A.createVecLeft()
-            b.array_w[:] = load.x.array[: b.getLocalSize()]
-        else:
-            b = fem_petsc.assemble_vector(compiled.form(load, "load"))
-            b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        b.array_w[:] = system.layout.turned(b.array_r)
+        of_form = isinstance(load, ufl.Form)
+        if isinstance(load, ufl.Form):
+            load = compiled.assembled(compiled.form(load, "load"), self.space)
+        b = system.vector_of(load)
         b.array_w[system.fixed_dofs] = 0.0
         zero = np.zeros_like(system.obstacle), np.zeros_like(system.fixed_values)
         linear = replace(system, b=b, obstacle=zero[0], fixed_values=zero[1])
         x = system.A.createVecRight()
         x.set(0.0)
         try:
-            if not isinstance(load, fem.Function):
+            if of_form:
                 check_free(linear)
             b.array_w[:] -= system.shares @ self.comm.allreduce(b.array_r @ system.free)
             self._solver.linear.solve(linear, x, held, rtol * b.norm())

@@ -22,7 +22,7 @@ from typing import Any
 import basix
 import numpy as np
 import ufl
-from dolfinx import fem, la
+from dolfinx import fem
 
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices
@@ -99,10 +99,7 @@ def _integrals(space: fem.FunctionSpace, entities: LocalIndices) -> Array:
     kind = fem.IntegralType.cell if in_cells else fem.IntegralType.exterior_facet
     integral = _integral(coordinates, space.ufl_element(), "dx" if in_cells else "ds")
     form = compiled.form_on(integral, [space], {kind: [(1, entities.flatten())]})
-    vector = fem.assemble_vector(form)
-    vector.scatter_reverse(la.InsertMode.add)
-    vector.scatter_forward()
-    return np.array(vector.array)
+    return np.array(compiled.assembled(form, space).x.array)
 
 
 @functools.cache

@@ -12,8 +12,6 @@ from typing import Any, ClassVar
 import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.fem import petsc as fem_petsc
-from petsc4py import PETSc
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base import compiled
@@ -182,11 +180,9 @@ class Dirichlet(BoundaryCondition):
     def force(cls, problem: BoundConstrainedProblem, residual: ufl.Form) -> Array:
         space, size, fixed = problem.space, problem.space.dofmap.bs, problem.fixed_dofs
         near = cells_with_dofs(space, marked(space, np.unique(fixed // size)))
-        vector = fem_petsc.assemble_vector(compiled.form(restricted(residual, space.mesh, near)))
-        vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        own = compiled.assembled(compiled.form(restricted(residual, space.mesh, near)), space)
         # The obstacle pushes on nodes, too, of which some components are held.
-        forces = vector.array_r[fixed] - problem.forces.x.array[fixed]
-        vector.destroy()
+        forces = own.x.array[fixed] - problem.forces.x.array[fixed]
         sums = np.array([forces[fixed % size == k].sum() for k in range(size)])
         return np.asarray(problem.comm.allreduce(sums))
 
