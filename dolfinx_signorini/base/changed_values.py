@@ -1,10 +1,11 @@
-"""Changes of the values of the data in a form or an expression since the last comparison."""
+"""Changes of the values of data, or of the nodes of a mesh, since the last comparison."""
 
 import hashlib
 
 import numpy as np
 import ufl
 from dolfinx import fem
+from dolfinx.mesh import Mesh
 from mpi4py import MPI
 from ufl.algorithms.analysis import extract_coefficients, extract_constants
 from ufl.core.expr import Expr
@@ -13,7 +14,7 @@ from dolfinx_signorini.base.ranks import anywhere
 
 
 class Watch:
-    """Notices changed values of the Constants and Functions in a form or an expression.
+    """Notices changed values of the Constants and Functions in forms, and meshes that move.
 
     For example:
 
@@ -22,34 +23,40 @@ class Watch:
         watch.changed(comm)  # True, and False when asked again
 
     Args:
-        terms: The form or the expression; None for nothing.
+        terms: Forms, expressions and meshes.
     """
 
-    def __init__(self, terms: ufl.Form | Expr | None):
-        self._data: list[fem.Constant | fem.Function] = []
-        if terms is not None:
-            self._data = [*extract_constants(terms), *extract_coefficients(terms)]
+    def __init__(self, *terms: ufl.Form | Expr | Mesh):
+        self._data = [item for each in terms for item in _data_in(each)]
         self._digest = self._present()
 
-    def changed(self, comm: MPI.Comm, remember: bool = True) -> bool:
-        """Return whether a value has changed on some rank; collective.
-
-        Args:
-            comm: The communicator.
-            remember: Whether the values are compared with those of this call the next time.
-        """
+    def changed(self, comm: MPI.Comm) -> bool:
+        """Return whether a value has changed on some rank since the last call; collective."""
         if not self._data:
             return False
-        digest = self._present()
-        changed = digest != self._digest
-        if remember:
-            self._digest = digest
-        return anywhere(comm, changed)
+        before, self._digest = self._digest, self._present()
+        return anywhere(comm, before != self._digest)
+
+    def differs(self) -> bool:
+        """Return whether a value of this rank is none of the start or of the last `changed`."""
+        return self._present() != self._digest
 
     def _present(self) -> bytes:
-        """A digest of the values that the data have on this rank."""
+        """A digest of the values that this rank has now."""
         digest = hashlib.sha256()  # processors have instructions for it
         for item in self._data:
-            values = item.x.array if isinstance(item, fem.Function) else item.value
+            if isinstance(item, Mesh):
+                values = item.geometry.x
+            else:
+                values = item.x.array if isinstance(item, fem.Function) else item.value
             digest.update(np.ascontiguousarray(values).view(np.uint8).data)
         return digest.digest()
+
+
+def _data_in(terms: ufl.Form | Expr | Mesh) -> list[fem.Constant | fem.Function | Mesh]:
+    """The mesh itself, or the Constants and Functions in a form or an expression."""
+    if isinstance(terms, Mesh):
+        return [terms]
+    if isinstance(terms, ufl.Form):
+        return [*terms.constants(), *terms.coefficients()]
+    return [*extract_constants(terms), *extract_coefficients(terms)]

@@ -4,7 +4,6 @@ The system is made once, and again from the parts whose data have changed.
 """
 
 import functools
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -109,8 +108,8 @@ class Assembly:
 
     def _look_up(self) -> None:
         """Find where the obstacles are evaluated, on the mesh as it is now."""
-        self._places = self._digest_of_places()
         space, dofs = self.layout.nodal, self.zone_dofs
+        self._watch_nodes = Watch(space.mesh)
         self._obstacles_at = [evaluator(space, g.data, dofs[k], g.name) for k, g in self._given]
 
     def _take(self, a: ufl.Form, L: ufl.Form) -> None:
@@ -191,10 +190,7 @@ class Assembly:
 
     def _has_moved(self) -> bool:
         """Return whether the mesh has moved since the places of the dofs were found; collective."""
-        return anywhere(self.comm, self._places != self._digest_of_places())
-
-    def _digest_of_places(self) -> int:
-        return zlib.crc32(self.layout.space.mesh.geometry.x.view(np.uint8).data)
+        return anywhere(self.comm, self._watch_nodes.differs())
 
     def _changed(self) -> tuple[bool, bool]:
         """Whether data of a and of L have changed since this was asked; collective."""

@@ -73,7 +73,7 @@ class Directions:
         size, owned = space.dofmap.bs, nodal.dofmap.index_map.size_local
         self._fixed = fixed
         self.parts = () if direction is None else _parts(direction, size)
-        self._watch = Watch(direction if isinstance(direction, Expr) else None)
+        self._watch = Watch(*([direction] if isinstance(direction, Expr) else []))
         if direction is None:
             vectors = _normals(nodal, facets)[nodes]
         else:
@@ -111,9 +111,9 @@ class Directions:
                 has changed.
         """
         nodal, size = self.frame.nodal, self.units.shape[1]
-        changed = self._watch.changed(nodal.mesh.comm, remember=False)
+        same = not self._watch.differs()
         message = "has changed values: a problem keeps the directions of its start; pose a new one"
-        require(nodal.mesh.comm, not changed, message, "direction")
+        require(nodal.mesh.comm, same, message, "direction")
         values = np.zeros(nodal.dofmap.index_map.size_local * size)
         values[self._fixed] = data
         known = np.where(self._held, values.reshape(-1, size)[self._nodes], 0.0)
