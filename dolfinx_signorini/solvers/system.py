@@ -18,13 +18,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_signorini.base import kernels
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.tolerances import FAR
 from dolfinx_signorini.meshes.components import Components, components
@@ -68,7 +67,7 @@ class Layout:
         return self.space if self.frame is None else self.frame.nodal
 
     @functools.cached_property
-    def free(self) -> npt.NDArray[np.bool_]:
+    def free(self) -> Mask:
         """Whether an obstacle's dof has no Dirichlet data, or its node a free direction."""
         if self.frame is not None:
             return self.frame.free
@@ -228,6 +227,10 @@ class System:
         """The owned dofs with Dirichlet data."""
         return self.layout.fixed_dofs
 
+    def known_dofs(self, held: Mask) -> LocalIndices:
+        """Return the owned dofs of some constraints that hold, and those with Dirichlet data."""
+        return np.concatenate((self.contact_dofs[held], self.fixed_dofs))
+
     @property
     def comm(self) -> MPI.Comm:
         """The communicator of the mesh."""
@@ -286,7 +289,7 @@ class System:
         u.x.array[: x.getLocalSize()] = self.layout.turned_back(values)
         u.x.scatter_forward()
 
-    def project(self, x: PETSc.Vec, held: npt.NDArray[np.bool_] | None = None) -> bool:
+    def project(self, x: PETSc.Vec, held: Mask | None = None) -> bool:
         """Move x to an obstacle where x lies beyond, and set the Dirichlet data.
 
         Args:
@@ -298,7 +301,7 @@ class System:
         """
         return self.place(x, held, bool(self._loop("moves", x, x.array_w)))
 
-    def place(self, x: PETSc.Vec, held: npt.NDArray[np.bool_] | None, moved: bool = False) -> bool:
+    def place(self, x: PETSc.Vec, held: Mask | None, moved: bool = False) -> bool:
         """Set x to the obstacle at the dofs of some constraints, and to the Dirichlet data.
 
         Args:
@@ -316,13 +319,13 @@ class System:
         x.array_w[self.fixed_dofs] = self.fixed_values
         return anywhere(self.comm, moved)
 
-    def touching(self, x: PETSc.Vec) -> npt.NDArray[np.bool_]:
+    def touching(self, x: PETSc.Vec) -> Mask:
         """Return whether x is at the obstacle, or beyond, for each constraint of this rank."""
         found = np.empty(len(self.obstacle), dtype=bool)
         self._loop("touches", x, found)
         return found
 
-    def touching_once(self, x: PETSc.Vec) -> npt.NDArray[np.bool_]:
+    def touching_once(self, x: PETSc.Vec) -> Mask:
         """As `touching`, but where both obstacles of a dof meet the first of them alone."""
         touching = self.touching(x).reshape(len(self.layout.sides), -1)
         touching[1:] &= ~touching[:1]
@@ -349,7 +352,7 @@ class System:
         self._loop("defects", x, multiplier, found)
         return found
 
-    def _loop(self, name: str, x: PETSc.Vec, *given: Array | npt.NDArray[np.bool_]) -> Any:
+    def _loop(self, name: str, x: PETSc.Vec, *given: Array | Mask) -> Any:
         """Run a compiled loop over the constraints."""
         constraints = self.contact_dofs, self.signs, self.obstacle, self.contact_diagonal
         return kernels.run(name, len(self.obstacle), *constraints, x.array_r, *given)

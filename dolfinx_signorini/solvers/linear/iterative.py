@@ -105,7 +105,6 @@ class IterativeSolver(LinearSolver):
             if fresh:
                 self._drop_levels()
             self._set_up(system, held)
-            self._projected.hold(system, system.contact_dofs[held], None)
             fresh = True
             converged = self._correct(system, x, held, atol, fresh, None)
 
@@ -116,15 +115,16 @@ class IterativeSolver(LinearSolver):
         assert self.multigrid is not None
         unit = set_residual(system, x, held, multiplier, self._rhs)
         known = np.zeros(x.getLocalSize(), dtype=bool)
-        known[np.concatenate((system.contact_dofs[held], system.fixed_dofs))] = True
+        known[system.known_dofs(held)] = True
         if not stop.begun and anywhere(self.comm, x.array_r[known] != 0.0):
-            before, size = x.copy(), unit * self._rhs.norm()
-            self.multigrid.extended(x, known)
-            unit = set_residual(system, x, held, None, self._rhs)
-            if unit * self._rhs.norm() > size:
-                before.copy(x)
-                unit = set_residual(system, x, held, multiplier, self._rhs)
-            before.destroy()
+            other, rest = x.copy(), self._rhs.duplicate()
+            self.multigrid.extended(other, known)
+            other_unit = set_residual(system, other, held, None, rest)
+            if other_unit * rest.norm() <= unit * self._rhs.norm():
+                other.copy(x)
+                rest.copy(self._rhs)
+                unit = other_unit
+            destroy(other, rest)
         ratio = self.multigrid.nested(self._rhs, self._correction)
         if ratio > 0.0:
             self._projected.project(self._correction)
@@ -177,13 +177,12 @@ class IterativeSolver(LinearSolver):
         Returns:
             Whether the set-up is new.
         """
-        dofs = system.contact_dofs
         same = system.assembled == self._assembled
         if self._held is not None:
             counts = np.array([(held != self._held).sum(), len(held)])
             changed, total = self.comm.allreduce(counts)
             if slack is not None and changed <= slack and same:
-                self._projected.hold(system, dofs[held], None)
+                self._projected.hold(system, held)
                 return False
             # A method without iterations does not mend what a set-up lacks.
             mended = self._ksp.getType() != PETSc.KSP.Type.PREONLY
@@ -191,11 +190,10 @@ class IterativeSolver(LinearSolver):
             if (changed == 0 and same) or (
                 changed <= reuse * total and mended and self._excess < self._setup_iterations
             ):
-                off = dofs[held != self._held] if changed else None
-                self._projected.hold(system, dofs[held], off)
+                off = system.contact_dofs[held != self._held] if changed else None
+                self._projected.hold(system, held, off)
                 return False
         self._set_up(system, held)
-        self._projected.hold(system, dofs[held], None)
         return True
 
     @property
@@ -222,23 +220,22 @@ class IterativeSolver(LinearSolver):
             warn_of_unread(self._unread & unread, known, ("tao_",))
 
     def _make_preconditioner(self, system: System, held: Mask) -> None:
-        dofs = system.contact_dofs[held]
         if self.multigrid is None:
-            matrix = self._hold(dofs, _typical(system))
+            matrix = self._hold(system.contact_dofs[held], _typical(system))
             if self._block > 1:  # constants are known without
-                zero = np.concatenate((dofs, system.fixed_dofs))
-                attach_motions(matrix, motions_of(system.layout), zero)
+                attach_motions(matrix, motions_of(system.layout), system.known_dofs(held))
             if self._pc.getType() == PETSc.PC.Type.GAMG:
                 self._pc.reset()  # else a second set-up may wait for a rank without dofs for ever
             self._pc.setOperators(matrix)
             self._pc.setUp()
         else:
-            dofs = np.concatenate((dofs, system.fixed_dofs))
+            dofs = system.known_dofs(held)
             typical, number = _typical(system), system.assembled
             known = self.multigrid.has_products(system.A, number)
             matrix = self._hold(dofs, typical if known else 0.0)
             self.multigrid.set_up(system.A, matrix, dofs, typical, number)
             self._projected.pc = self.multigrid.pc
+        self._projected.hold(system, held)
         self._held, self._assembled = held.copy(), system.assembled
         self._pace = self._excess = 0.0
         self.setups += 1

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from petsc4py import PETSc
 from scipy.sparse.linalg import splu
 
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.solvers.patch import affordable_patch, patch_dofs
 from dolfinx_signorini.solvers.system import System
@@ -37,7 +37,7 @@ class Projected:
     For example:
 
         projected = Projected(A, pc)
-        projected.hold(system, dofs, changed=dofs[:0])
+        projected.hold(system, held)
         ksp.setOperators(projected.operator)
         ksp.setPC(projected.preconditioner)
 
@@ -57,15 +57,15 @@ class Projected:
         self.preconditioner.setType(PETSc.PC.Type.PYTHON)
         self.preconditioner.setPythonContext(self)
 
-    def hold(self, system: System, held: LocalIndices, changed: LocalIndices | None) -> None:
+    def hold(self, system: System, held: Mask, changed: LocalIndices | None = None) -> None:
         """Choose the dofs to hold.
 
         Args:
             system: The system.
-            held: Owned contact dofs.
+            held: Which constraints of this rank hold their dofs at the obstacle.
             changed: Owned dofs that M treats otherwise, on some rank; None where no rank has any.
         """
-        self._zeroed = np.concatenate((held, system.fixed_dofs))
+        self._zeroed = system.known_dofs(held)
         self._local = None if changed is None else LocalSolve(system, changed, self._zeroed)
 
     def project(self, vec: PETSc.Vec) -> None:

@@ -157,7 +157,7 @@ def set_residual(
     else:
         multiplier.copy(rhs)
         rhs.scale(-1.0)
-    rhs.array_w[np.concatenate((system.contact_dofs[held], system.fixed_dofs))] = 0.0
+    rhs.array_w[system.known_dofs(held)] = 0.0
     unit = power_of_two(rhs.norm(PETSc.NormType.INFINITY))
     rhs.scale(1.0 / unit)
     return unit
