@@ -18,6 +18,7 @@ from dolfinx_signorini.meshes.elements import lagrange_space
 from dolfinx_signorini.meshes.parents import Parent, ends_of_edges, parent_mesh
 from dolfinx_signorini.meshes.refinement import first_places
 from dolfinx_signorini.solvers.linear.lattice import Lattice, coarsened, find_lattice
+from dolfinx_signorini.solvers.linear.rows import Rows
 
 # Cells that divide a lattice; functions that are linear on simplices serve squares and cubes, too.
 LATTICES = ("triangle", "tetrahedron", "quadrilateral", "hexahedron")
@@ -175,19 +176,15 @@ def coarse_places(prolongations: Sequence[PETSc.Mat], places: Array) -> list[Arr
     """
     found = []
     for prolongation in prolongations:
-        counts = np.diff(prolongation.getValuesCSR()[0])
-        same = (counts == 1).astype(np.float64)
-        fine, coarse = prolongation.createVecs()[::-1]
-        columns = []
-        for values in (np.ones(len(same)), *places.T):
-            for weights in (same, np.ones(len(same))):
-                fine.array_w[:] = weights * values
-                prolongation.multTranspose(fine, coarse)
-                columns.append(coarse.array_r.copy())
+        rows, (coarse, fine), sums = Rows(prolongation), prolongation.createVecs(), []
+        for values in (np.ones(len(places)), *places.T):
+            fine.array_w[:] = values
+            prolongation.multTranspose(fine, coarse)
+            sums.append(coarse.array_r.copy())
         destroy(fine, coarse)
-        alike, around = np.array(columns[::2]), np.array(columns[1::2])
-        sums = np.where(alike[0] > 0.0, alike, around)
-        places = (sums[1:] / np.where(sums[0] > 0.0, sums[0], 1.0)).T
+        means = np.stack(sums[1:], axis=1) / np.where(sums[0] > 0.0, sums[0], 1.0)[:, None]
+        same = np.stack([rows.injected(values, np.nan) for values in places.T], axis=1)
+        places = np.where(np.isnan(same), means, same)
         found.append(places)
     return found
 
