@@ -55,9 +55,10 @@ def solve_active_set(
     The method takes short cuts, loose linear solves and local corrections; with an obstacle in the
     domain, rough steps in place of both. Where the short cuts lead nowhere, the method goes on
     without them: the sets of exact steps are monotone for an M-matrix, and a set that comes back is
-    a cycle. A set that is trusted whatever the residual is checked during its linear solve: after
-    some digits the set shows where its ends are wrong, and what is solved to the end has the right
-    ends.
+    a cycle. Only the last set may come back once: of a start far away rounding is left, which a
+    second solve corrects. A set that is trusted whatever the residual is checked during its linear
+    solve: after some digits the set shows where its ends are wrong, and what is solved to the end
+    has the right ends.
 
     Args:
         system: The system.
@@ -84,9 +85,9 @@ def solve_active_set(
         return residual
     trusted = predicted or residual <= LOOSEST
     exact: list[Mask] = []  # sets whose solution was found without short cuts
-    for _ in range(MAX_STEPS):
+    for _ in range(2 * MAX_STEPS if solver.exact else MAX_STEPS):  # cheap steps of small problems
         careful = solver.exact or stalled == STALL
-        if careful and _any_equal(system, exact, held):
+        if careful and _any_equal(system, exact[:-1], held):
             break
         if ROUNDING * residual > rtol:  # of A x: x cannot be corrected, and zero is a better start
             check_bounded(system)

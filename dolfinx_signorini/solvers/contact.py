@@ -86,10 +86,6 @@ class ActiveSetSolver:
             guess, trusted = self._start(system, measure, history, x, held, coarse)
             predicted = time.perf_counter()
             residual = solve_active_set(system, linear, measure, x, guess, rtol, trusted, stop)
-            if not residual <= rtol and linear.exact:
-                # Of a start far away rounding is left, which a correction of what is near is not.
-                again = measure.defect(x) > 0.0
-                residual = solve_active_set(system, linear, measure, x, again, rtol)
             if stop is not None and stop.settled:
                 rtol = max(rtol, residual)
             if not residual <= rtol:
