@@ -35,7 +35,7 @@ from dolfinx_signorini.base.tolerances import (
     SOLVED,
     TINY,
 )
-from dolfinx_signorini.meshes.sided_meshes import box
+from dolfinx_signorini.meshes.sided_meshes import longest_side
 from dolfinx_signorini.solvers.loose import Loose
 from dolfinx_signorini.solvers.motions import motions_of, owned_places
 from dolfinx_signorini.solvers.system import Layout, System
@@ -65,8 +65,6 @@ def loose_motions(a: ufl.Form, A: PETSc.Mat, layout: Layout) -> Loose:
         if basis.shape[1]:
             basis = basis @ _without_energy(a, A, layout, own @ basis)
         found.append(basis)
-    if not any(basis.shape[1] for basis in found):
-        return Loose.nothing(comm)
     motions[fixed] = 0.0
     counts = np.full(parts.count, motions.shape[1], dtype=np.int32)
     return Loose(comm, counts, numbers, motions).combined(found)
@@ -316,11 +314,10 @@ def _energies(a: ufl.Form, layout: Layout, columns: Array) -> tuple[Array, float
 
     own = [layout.turned_back(column) for column in columns.T]
     places = owned_places(layout.nodal)[:, : layout.block]
-    low, high = box(comm, places)
-    stretched = 0.0
+    size, stretched = longest_side(comm, places), 0.0
     for i in range(layout.block):
         values = np.zeros_like(places)
-        values[:, i] = places[:, i] / (high - low).max()
+        values[:, i] = places[:, i] / size
         stretched += product(values.ravel(), values.ravel())
     return np.array([[product(u, v) for v in own] for u in own]), stretched
 

@@ -24,7 +24,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array
-from dolfinx_signorini.base.ranks import anywhere, parallel_norm
+from dolfinx_signorini.base.ranks import parallel_norm
 from dolfinx_signorini.base.tolerances import PRECISION, UNIT
 from dolfinx_signorini.solvers.motions import at_rest
 from dolfinx_signorini.solvers.system import System
@@ -120,8 +120,6 @@ class NaturalResidual:
 
 def _rounding_of(system: System, rest: Array) -> float:
     """What rounding may make of A u in all rows where u is near some values."""
-    if not anywhere(system.comm, rest != 0.0):
-        return 0.0
     diagonal = system.A.getDiagonal()
     forces = diagonal.array_r * rest
     forces[system.fixed_dofs] = 0.0
