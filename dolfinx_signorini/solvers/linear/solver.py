@@ -152,12 +152,10 @@ def set_residual(
         rhs: The vector to set.
     """
     if multiplier is None:
-        system.A.mult(x, rhs)
-        rhs.aypx(-1.0, system.b)
+        system.set_forces(x, rhs)
     else:
         multiplier.copy(rhs)
-        rhs.scale(-1.0)
     rhs.array_w[system.known_dofs(held)] = 0.0
     unit = power_of_two(rhs.norm(PETSc.NormType.INFINITY))
-    rhs.scale(1.0 / unit)
+    rhs.scale(-1.0 / unit)
     return unit
