@@ -45,7 +45,7 @@ from dolfinx_signorini.bounds.remainders import NOTHING, Remainders, Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, strong_form
 from dolfinx_signorini.data.interfaces.facet_jumps import data_jumps
 from dolfinx_signorini.data.reading import formula_of
-from dolfinx_signorini.meshes.sided_meshes import longest_side
+from dolfinx_signorini.meshes.sided_meshes import is_straight, longest_side
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.signorini import one_sided
 
@@ -210,10 +210,7 @@ def _on_cells(
 
 
 def _check_mesh(problem: BoundConstrainedProblem) -> None:
-    domain = problem.space.mesh
-    kind = domain.topology.cell_type.name
-    good = kind in ("triangle", "tetrahedron") and domain.geometry.cmap.degree == 1
-    good &= domain.geometry.dim == domain.topology.dim
+    good = is_straight(problem.space.mesh)
     require(problem.comm, good, "a bound needs straight-sided triangles or tetrahedra", "mesh")
     family = problem.space.element.basix_element.family
     good = family == basix.ElementFamily.P

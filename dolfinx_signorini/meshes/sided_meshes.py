@@ -136,6 +136,13 @@ def _together(parts: Sequence[LocalIndices]) -> LocalIndices:
     return np.unique(np.concatenate(parts)) if parts else np.empty(0, dtype=np.int32)
 
 
+def is_straight(domain: mesh.Mesh) -> bool:
+    """Return whether a mesh consists of straight-sided triangles of a plane, or of tetrahedra."""
+    simplices = domain.topology.cell_name() in ("triangle", "tetrahedron")
+    flat = domain.geometry.dim == domain.topology.dim
+    return simplices and flat and domain.geometry.cmap.degree == 1
+
+
 def facet_count(domain: mesh.Mesh) -> int:
     """Return how many facets this rank knows."""
     dimension = domain.topology.dim - 1

@@ -14,8 +14,8 @@ from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.meshes.between_meshes import Pairs, interpolate_between
 from dolfinx_signorini.meshes.parents import parent_mesh
 from dolfinx_signorini.meshes.refinement import prolong_on_cells
-from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs, covering_cells
-from dolfinx_signorini.solvers.linear.hierarchy import is_straight, nodes_of
+from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs, covering_cells, is_straight
+from dolfinx_signorini.solvers.linear.hierarchy import nodes_of
 from dolfinx_signorini.solvers.linear.lattice import find_lattice, surrounding
 
 

@@ -22,7 +22,12 @@ from dolfinx_signorini.data.interfaces.interface import Interface
 from dolfinx_signorini.data.parsing import suggestion
 from dolfinx_signorini.meshes.curved_sides import Projection
 from dolfinx_signorini.meshes.mesh_defects import all_cells, cell_defect
-from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets, owned_facets
+from dolfinx_signorini.meshes.sided_meshes import (
+    SidedMesh,
+    boundary_facets,
+    is_straight,
+    owned_facets,
+)
 from dolfinx_signorini.scenes.domains.domain import MAX_VERTICES, RefinedDomain
 from dolfinx_signorini.scenes.domains.gmsh_meshes import (
     by_tag,
@@ -199,12 +204,9 @@ def _read_xdmf(comm: MPI.Comm, path: Path, grid: str, name: str, cell_name: str)
         reason = (str(error).strip().splitlines() or [""])[-1]
         message = f"{path.name}: no mesh {grid!r} with {wanted} ({reason})"
         raise InputError(message, "domain") from None
-    kind = domain.topology.cell_name()
-    straight = kind in ("triangle", "tetrahedron") and domain.geometry.cmap.degree == 1
-    flat = domain.geometry.dim == tdim
     require(
         comm,
-        straight and flat and tags.dim == tdim - 1,
+        is_straight(domain) and tags.dim == tdim - 1,
         f"{path.name}: only straight-sided triangles in the plane and tetrahedra with tags "
         "on their facets are solved on",
         "domain",

@@ -194,12 +194,6 @@ def _size(domain: mesh.Mesh) -> int:
     return int(domain.geometry.index_map().size_global)
 
 
-def is_straight(domain: mesh.Mesh) -> bool:
-    """Return whether a mesh consists of straight-sided triangles or tetrahedra."""
-    simplices = domain.topology.cell_name() in ("triangle", "tetrahedron")
-    return simplices and domain.geometry.cmap.degree == 1
-
-
 def nodes_of(space: fem.FunctionSpace) -> LocalIndices:
     """Return the nodes of the geometry at the owned dofs of a space of degree 1."""
     owned, dofs, nodes = space.dofmap.index_map.size_local, space.dofmap.list, space.mesh.geometry
