@@ -24,7 +24,7 @@ from dolfinx_signorini.base.records import (
 )
 from dolfinx_signorini.base.tables import csv_table, text_table
 from dolfinx_signorini.commands.options import add_out, add_scene
-from dolfinx_signorini.pictures.palette import COLOURS, MARKERS
+from dolfinx_signorini.pictures.palette import curve_style
 from dolfinx_signorini.pictures.picture import Picture, picture_files, typeset_norm
 from dolfinx_signorini.scenes.files.reading import load_scene, naming_the_file
 from dolfinx_signorini.scenes.files.scene import Scene
@@ -174,21 +174,20 @@ def draw_sweep(key: str, rows: list[Row]) -> Picture:
         raise InputError("a plot needs two values at least", key)
     errors = [name for name in rows[0] if name.startswith(("error ", "estimate"))]
     forces = [name for name in rows[0] if name.startswith("force of contact")]
-    panels = [["in contact"], forces, *([errors] if errors else [])]
+    panels = {"in contact": ["in contact"], "force of contact": forces}
+    panels |= {"error": errors} if errors else {}
     figure = Picture(figsize=(4.0 * len(panels), 3.6))
     x, numeric = _positions(rows)
-    for axes, names in zip(figure.panels(1, len(panels)), panels, strict=True):
+    for axes, (title, names) in zip(figure.panels(1, len(panels)), panels.items(), strict=True):
+        axes.set(xlabel=key, ylabel=title)
         for k, name in enumerate(names):
             y = [row.get(name, float("nan")) for row in rows]
             label = typeset_norm(name.removeprefix("error "))
             line = "-" if numeric else ":"  # nothing lies between two formulas
-            marker, colour = MARKERS[k % len(MARKERS)], COLOURS[k % len(COLOURS)]
-            axes.plot(x, y, line, marker=marker, color=colour, label=label)
-        several = "error" if names is errors else "force of contact"
-        axes.set(xlabel=key, ylabel=several if names is errors or len(names) > 1 else names[0])
-        if names is errors:
+            axes.plot(x, y, line, label=label, **curve_style(k))
+        if title == "error":
             axes.set_yscale("log")
-        if names is errors or len(names) > 1:
+        if names != [title]:
             axes.legend(frameon=False)
         if numeric and min(x) > 0.0 and max(x) > 3.0 * min(x):
             axes.set_xscale("log")

@@ -10,7 +10,7 @@ from matplotlib.tri import Triangulation
 
 from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.base.kinds import check, known_by
+from dolfinx_signorini.base.kinds import check, choice, known_by
 from dolfinx_signorini.base.ranks import function_with
 from dolfinx_signorini.meshes.sided_meshes import box
 from dolfinx_signorini.pictures.contact_boundary import Solved
@@ -70,8 +70,7 @@ def draw_region(
             slice misses the solid.
     """
     space = problem.u.function_space
-    if what not in PICTURES:
-        raise InputError(f"must be one of {', '.join(PICTURES)}, not {what!r}", "what")
+    check(what=(what, choice(*PICTURES)))
     gathered, names, height = _view(space, plane)
     field, regions = gathered(problem.pressure if what == "contact" else problem.u), []
     empty = space.mesh.comm.bcast(field is not None and not len(field.triangles), root=0)

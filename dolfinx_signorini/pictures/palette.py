@@ -9,3 +9,8 @@ COLOUR_MAP = "cividis"
 # How matplotlib draws the facets where u touches the obstacle, on top of the contact boundary.
 CONTACT: dict[str, Any] = {"color": COLOURS[1], "linewidth": 4.0}
 IN_CONTACT: dict[str, Any] = {"color": COLOURS[2], "linewidth": 4.0}
+
+
+def curve_style(number: int) -> dict[str, Any]:
+    """Return the colour and the marker of a curve by its number, which may be any."""
+    return {"color": COLOURS[number % len(COLOURS)], "marker": MARKERS[number % len(MARKERS)]}

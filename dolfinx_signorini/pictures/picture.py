@@ -17,7 +17,7 @@ from dolfinx_signorini.base.arrays import Array, Indices
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import check, instance, optional
 from dolfinx_signorini.base.records import on_first
-from dolfinx_signorini.pictures.palette import COLOURS, MARKERS
+from dolfinx_signorini.pictures.palette import curve_style
 
 SUFFIXES = (".png", ".svg")  # of the files of a picture
 NORM = re.compile(r"(L|W1_|H)(inf|\d+(?:\.\d+)?)(_2)?(_boundary)?(_\w+)?")
@@ -88,12 +88,12 @@ def add_curve(
         index: The number of the colour and the marker.
         order: The order of a line through the last value; None for a line from value to value.
     """
-    colour, marker = COLOURS[index % len(COLOURS)], MARKERS[index % len(MARKERS)]
+    style = curve_style(index)
     line = "-" if order is None else ""
-    axes.loglog(n, values, marker + line, color=colour, label=label, linewidth=0.9)
+    axes.loglog(n, values, linestyle=line, label=label, linewidth=0.9, **style)
     if order is not None:
         line_of_order = values[-1] * (np.asarray(n, dtype=float) / n[-1]) ** -order
-        axes.loglog(n, line_of_order, color=colour, linewidth=0.9)
+        axes.loglog(n, line_of_order, color=style["color"], linewidth=0.9)
 
 
 def name_cells(axes: Axes, n: Sequence[int]) -> None:

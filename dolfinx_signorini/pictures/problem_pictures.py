@@ -11,7 +11,8 @@ from mpl_toolkits.mplot3d import Axes3D
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.meshes.sided_meshes import facet_nodes
+from dolfinx_signorini.base.kinds import check, choice
+from dolfinx_signorini.meshes.sided_meshes import facet_nodes, owned_facets
 from dolfinx_signorini.pictures.contact_boundary import (
     ContactBoundary,
     Solved,
@@ -44,8 +45,7 @@ def draw_problem(
     """
     if problem.u.function_space.mesh.geometry.dim == 1:
         raise InputError("pictures are known in the plane and in space", "problem")
-    if what not in PICTURES:
-        raise InputError(f"must be one of {', '.join(PICTURES)}, not {what!r}", "what")
+    check(what=(what, choice(*PICTURES)))
     boundary = gather_contact_boundary(problem, sides)
     if what == "contact":
         return None if boundary is None else draw_contact(boundary)
@@ -99,11 +99,9 @@ def draw_solution(
 
 def gather_facets(domain: mesh.Mesh, parts: Mapping[str, LocalIndices]) -> dict[str, Array] | None:
     """Return the ends of the facets of each part, shape (facets, 2, 2), on rank 0, else None."""
-    dim = domain.topology.dim - 1
-    domain.topology.create_entities(dim)
-    count = domain.topology.index_map(dim).size_local
+    domain.topology.create_entities(domain.topology.dim - 1)
     ends = {
-        name: domain.geometry.x[facet_nodes(domain, part[part < count])][:, :, :2]
+        name: domain.geometry.x[facet_nodes(domain, owned_facets(domain, part))][:, :, :2]
         for name, part in parts.items()
     }
     found = domain.comm.gather(ends, root=0)

@@ -6,7 +6,7 @@ from typing import Any
 from matplotlib.lines import Line2D
 
 from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
-from dolfinx_signorini.pictures.palette import COLOURS, MARKERS
+from dolfinx_signorini.pictures.palette import COLOURS, curve_style
 from dolfinx_signorini.pictures.picture import Picture
 from dolfinx_signorini.studies.tradeoff.comparing import Row, describe, of_kind, pareto_front, slope
 from dolfinx_signorini.studies.tradeoff.family import KINDS, MESHES, Kind
@@ -76,9 +76,8 @@ def draw_tolerance(sweep: Mapping[str, Sequence[Row]], norm: str) -> Picture:
         axes.loglog(
             [row["rtol"] for row in rows],
             [row["algebraic"][norm] / row["errors"][norm] for row in rows],
-            marker=MARKERS[k],
-            color=COLOURS[k],
             label=name,
+            **curve_style(k),
         )
     axes.axhline(0.01, color="black", linestyle=":", linewidth=1.0, label="1 %")
     axes.set(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from dolfinx_signorini.pictures.palette import COLOURS, MARKERS
+from dolfinx_signorini.pictures.palette import COLOURS, curve_style
 from dolfinx_signorini.pictures.picture import Picture, add_curve, name_cells
 from dolfinx_signorini.studies.paper.solution import DETACHMENT
 from dolfinx_signorini.studies.paper.tables import read_data
@@ -127,9 +127,8 @@ def _placement(axes: Axes, rows: Rows, panel: Panel) -> None:
     finest = {place: family[-1] for place, family in _numbered(rows, "placed").items()}
     places, last = list(finest), [row["errors"] for row in finest.values()]
     for i, norm in enumerate(PLACED):
-        marker, colour = MARKERS[i % len(MARKERS)], COLOURS[i % len(COLOURS)]
         values = [errors[norm] / last[0][norm] for errors in last]
-        axes.plot(places, values, marker + "-", color=colour, label=NAMES[norm])
+        axes.plot(places, values, label=NAMES[norm], **curve_style(i))
     axes.set_xticks(places, panel["places"])
     axes.set_title(f"Place of the detachment point, N = {finest[0.0]['n']}")
 
