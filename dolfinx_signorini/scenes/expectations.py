@@ -117,17 +117,12 @@ def expect(scene: Scene, sided: SidedMesh) -> Expectation:
     exponent = 0.0 if torn else corners[0].exponent if corners else _contact_exponent(scene)
     if scene.solution is not None:
         corners = [known_corner(scene.solution, corner, sided.mesh) for corner in corners]
-    orders = _orders(scene, exponent)
-    if diffusion_is_cut(scene, sided):
-        notes.append(CUT)
-        known = expected_orders(scene.degree, KINK_EXPONENT, 1)
-        # A dual solution has the same kink.
-        most = {norm: min(order, 2.0 * known["H1"]) for norm, order in known.items()}
-        orders = {norm: min(order, most[norm]) for norm, order in orders.items()}
+    cut = diffusion_is_cut(scene, sided)
+    notes += [CUT] if cut else []
     # Near a jump u is like the angle around the point, of the power 0.
     corners += [Corner(point, math.pi, ("jump of Dirichlet data",), 0.0) for point in torn]
     worst = min(corners, key=lambda corner: corner.exponent, default=None)
-    return Expectation(orders, tuple(notes), worst)
+    return Expectation(_orders(scene, exponent, cut), tuple(notes), worst)
 
 
 def diffusion_is_cut(scene: Scene, sided: SidedMesh) -> bool:
@@ -175,16 +170,19 @@ def _stiff(scene: Scene, material: Elasticity) -> tuple[str, ...]:
     )
 
 
-def _orders(scene: Scene, exponent: float) -> dict[str, float]:
-    """The orders of a solution like r^exponent at a point, or as where contact ends in the domain.
+def _orders(scene: Scene, exponent: float, cut: bool) -> dict[str, float]:
+    """The least of the orders for a solution like r^exponent at a point, and for other places.
 
-    At the distance s of the end of contact in the domain the gap is like s^2.
+    At the distance s of the end of contact in the domain the gap is like s^2. Where the diffusion
+    jumps inside of cells the solution and any dual one have a kink.
     """
-    orders = expected_orders(scene.degree, exponent)
-    if scene.obstacle is None:
-        return orders
-    known = expected_orders(scene.degree, FREE_BOUNDARY_EXPONENT, 1)
-    return {norm: min(order, known[norm]) for norm, order in orders.items()}
+    limits = [expected_orders(scene.degree, exponent)]
+    if scene.obstacle is not None:
+        limits.append(expected_orders(scene.degree, FREE_BOUNDARY_EXPONENT, 1))
+    if cut:
+        kinked = expected_orders(scene.degree, KINK_EXPONENT, 1)
+        limits.append({norm: min(order, 2.0 * kinked["H1"]) for norm, order in kinked.items()})
+    return {norm: min(limit[norm] for limit in limits) for norm in limits[0]}
 
 
 def check_norms(norms: Sequence[str], expectation: Expectation, subject: str) -> None:

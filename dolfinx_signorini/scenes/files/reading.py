@@ -21,7 +21,7 @@ from dolfinx_signorini.scenes.domains.kinds import read_domain
 from dolfinx_signorini.scenes.files.conditions import read_conditions
 from dolfinx_signorini.scenes.files.domain_obstacle import DomainObstacle
 from dolfinx_signorini.scenes.files.elasticity import Elasticity
-from dolfinx_signorini.scenes.files.scene import OUTPUTS, REFUSED, Scene, Tensor
+from dolfinx_signorini.scenes.files.scene import OUTPUTS, REFUSED, Scene, Tensor, constant_matrix
 from dolfinx_signorini.scenes.files.toml_file import MAX_BYTES, TomlFile
 from dolfinx_signorini.scenes.files.toml_table import POSITIVE, Rule, TomlTable, one_of
 
@@ -188,14 +188,12 @@ def _diffusion(table: TomlTable, dimension: int) -> Tensor:
         message = f"a tensor has {dimension} rows of {dimension} entries here"
         raise table.error("diffusion", message)
     tensor = tuple(tuple(table.parsed("diffusion", entry) for entry in row) for row in rows)
-    constants = np.array(
-        [[np.nan if e.constant is None else e.constant for e in r] for r in tensor]
-    )
-    if np.isfinite(constants).all():
+    constants = constant_matrix(tensor)
+    if constants is not None:
         if np.abs(constants - constants.T).max() > ROUNDING * np.abs(constants).max():
             raise table.error("diffusion", "the tensor is not symmetric")
-        pairs = [[(min(i, j), max(i, j)) for j in range(dimension)] for i in range(dimension)]
-        tensor = tuple(tuple(tensor[i][j] for i, j in row) for row in pairs)
+        axes = range(dimension)
+        tensor = tuple(tuple(tensor[min(i, j)][max(i, j)] for j in axes) for i in axes)
         if not np.linalg.eigvalsh(constants).min() > 0.0:
             raise table.error("diffusion", "the tensor is not positive definite")
     return tensor

@@ -138,10 +138,14 @@ class Scene:
     @property
     def constant_diffusion(self) -> Array | None:
         """The matrix of a constant diffusion, or its one entry; None for any other, and for 1."""
-        values = [[entry.constant for entry in row] for row in self.diffusion]
-        known = values and all(value is not None for row in values for value in row)
-        return np.array(values, dtype=np.float64) if known else None
+        return constant_matrix(self.diffusion)
 
     def levels(self) -> list["Scene"]:
         """Return the scene on the meshes of the cascade, from the coarsest to its own."""
         return [replace(self, domain=domain) for domain in self.domain.levels()]
+
+
+def constant_matrix(tensor: Tensor) -> Array | None:
+    """Return the entries of a constant tensor; None for any other, and where there are none."""
+    values: Array = np.array([[e.constant for e in row] for row in tensor], dtype=np.float64)
+    return values if values.size and np.isfinite(values).all() else None

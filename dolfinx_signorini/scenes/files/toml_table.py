@@ -74,9 +74,9 @@ class TomlTable:
             wanted: The type in words, for the message.
             default: The value where the table does not have the key.
         """
-        if not self.has(key) and default is not NEEDED:
-            return default
         if not self.has(key):
+            if default is not NEEDED:
+                return default
             others = [other for other in self.data if other not in self.asked]
             for near in difflib.get_close_matches(key, others, n=1):
                 raise self.error(near, f"unknown key; did you mean {key!r}?")
