@@ -71,8 +71,7 @@ class Configuration:
     def key(self, comm: MPI.Comm) -> dict[str, Any]:
         """Return the entries that identify the row of the configuration among all rows."""
         own = asdict(self)
-        last = {name: own.pop(name) for name in ("rule", "purpose")}
-        return own | own.pop("kind") | last | {"ranks": comm.size}
+        return own.pop("kind") | own | {"ranks": comm.size}
 
     def __str__(self) -> str:
         if self.norm is None:
