@@ -16,7 +16,6 @@ from dolfinx_signorini.meshes.elements import (
     determined,
     facet_dofs,
     facet_pieces,
-    subtriangles,
     values_at_control_points,
 )
 from dolfinx_signorini.meshes.sided_meshes import (
@@ -27,7 +26,7 @@ from dolfinx_signorini.meshes.sided_meshes import (
     simplex_sizes,
 )
 from dolfinx_signorini.norms.boundary_edges import edge_chains
-from dolfinx_signorini.pictures.triangles import gathered
+from dolfinx_signorini.pictures.triangles import cell_pieces, gathered
 
 # Of the range of u, times (h / L)^{3/2} with the mesh width h and the size L of the boundary: a
 # smaller gap is what a mesh cannot tell from contact (a gap opens like r^{3/2}).
@@ -212,17 +211,10 @@ def gather_contact_region(problem: Solved) -> ContactRegion | None:
     Args:
         problem: The problem, with obstacles in the domain; the call is collective.
     """
-    space, dim = problem.space, problem.space.mesh.topology.dim
-    element = space.element.basix_element
+    space = problem.space
     cells = problem.contact[problem.contact < len(owned_cells(space.mesh))]
-    dofs = space.dofmap.list[cells]
-    if dim == 2:
-        corners = subtriangles(element.cell_type, element.degree)
-    else:
-        corners = np.concatenate(element.entity_dofs[0])[None]
-    pieces = dofs[:, corners].reshape(-1, corners.shape[1])
-    sides = np.full(len(pieces), -1)
-    return _gathered(ContactRegion, problem, np.unique(dofs), pieces, sides)
+    used, pieces = np.unique(space.dofmap.list[cells]), cell_pieces(space, cells)
+    return _gathered(ContactRegion, problem, used, pieces, np.full(len(pieces), -1))
 
 
 def gather_contact_boundary(

@@ -14,7 +14,7 @@ from dolfinx_signorini.meshes.elements import (
     subtriangles,
     values_at_control_points,
 )
-from dolfinx_signorini.meshes.sided_meshes import boundary_facets, box, facet_cells
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets, box, facet_cells, owned_cells
 
 LATTICE = 150  # points across a slice: a picture of the usual size shows no more
 
@@ -61,18 +61,29 @@ def gather_rows(
         facets: Owned facets to take in place of the cells of a plane mesh, which are drawn as
             lines, or of the whole boundary of a solid.
     """
-    topology = space.mesh.topology
-    dim = topology.dim
-    if dim == 2 and facets is None:
-        element = space.element.basix_element
-        cells = space.dofmap.list[: topology.index_map(dim).size_local]
-        corners = cells[:, subtriangles(element.cell_type, element.degree)].reshape(-1, 3)
+    if space.mesh.topology.dim == 2 and facets is None:
+        corners = cell_pieces(space, owned_cells(space.mesh))
     else:
         facets = boundary_facets(space.mesh) if facets is None else facets
         corners, _ = facet_pieces(space, facet_cells(space.mesh, facets))
     used = np.unique(corners)
     found = gathered(space, used, rows[used], corners)
     return None if found is None else Triangles(*found)
+
+
+def cell_pieces(space: fem.FunctionSpace, cells: LocalIndices) -> LocalIndices:
+    """Return the dofs of pieces of cells: triangles between neighbouring dofs, in space the cells.
+
+    Args:
+        space: A scalar space of continuous elements of any degree.
+        cells: The cells.
+    """
+    element = space.element.basix_element
+    if space.mesh.topology.dim == 2:
+        corners = subtriangles(element.cell_type, element.degree)
+    else:
+        corners = np.concatenate(element.entity_dofs[0])[None]
+    return space.dofmap.list[cells][:, corners].reshape(-1, corners.shape[1])
 
 
 class Slice:
