@@ -10,16 +10,16 @@ from matplotlib.axes import Axes
 from dolfinx_signorini.pictures.palette import COLOURS, curve_style
 from dolfinx_signorini.pictures.picture import Picture, add_curve, name_cells
 from dolfinx_signorini.studies.paper.solution import DETACHMENT
-from dolfinx_signorini.studies.paper.tables import read_data
 from dolfinx_signorini.studies.paper.theory.checks import Rows, entry, fine, last_order, value_of
 from dolfinx_signorini.studies.paper.theory.measures import PLACED
 from dolfinx_signorini.studies.paper.theory.one_sided import OneSided, node_cases
 from dolfinx_signorini.studies.paper.theory.proven import (
     CONSTANTS,
-    NAMES,
     allowed_order,
+    printed,
     proven_order,
 )
+from dolfinx_signorini.studies.paper.theory.statements import CURVES, experiments_of
 
 Panel = Mapping[str, Any]
 
@@ -101,7 +101,7 @@ def _intervals(axes: Axes, rows: Rows, panel: Panel) -> None:
 
 def _powers(axes: Axes, rows: Rows, panel: Panel) -> None:
     """Measured, proven and allowed orders against p (Corollaries 4.1 and 4.2)."""
-    families, norm = _numbered(rows, "power"), panel["norm"]
+    families, norm = _numbered(rows, panel), panel["norm"]
     x = np.arange(len(families))
     errors = ([(r["n"], r["errors"][norm]) for r in family] for family in families.values())
     measured = list(map(last_order, errors))
@@ -124,19 +124,18 @@ def _logarithm(axes: Axes, rows: Rows, panel: Panel) -> None:
 
 def _placement(axes: Axes, rows: Rows, panel: Panel) -> None:
     """The errors on the finest mesh by the place of the detachment point (Section 7)."""
-    finest = {place: family[-1] for place, family in _numbered(rows, "placed").items()}
+    finest = {place: family[-1] for place, family in _numbered(rows, panel).items()}
     places, last = list(finest), [row["errors"] for row in finest.values()]
     for i, norm in enumerate(PLACED):
         values = [errors[norm] / last[0][norm] for errors in last]
-        axes.plot(places, values, label=NAMES[norm], **curve_style(i))
+        axes.plot(places, values, label=printed(norm), **curve_style(i))
     axes.set_xticks(places, panel["places"])
     axes.set_title(f"Place of the detachment point, N = {finest[0.0]['n']}")
 
 
-def _numbered(rows: Rows, example: str) -> dict[float, Sequence[Any]]:
-    """The rows of the experiments on an example, by the number behind its name."""
-    named = {name: family for name, family in rows.items() if name.startswith(f"{example} ")}
-    return {float(name.split()[1]): family for name, family in named.items()}
+def _numbered(rows: Rows, panel: Panel) -> dict[float, Sequence[Any]]:
+    """The rows of the experiments of a panel, by the number behind the name of each."""
+    return {float(name.split()[1]): rows[name] for name in experiments_of(panel)}
 
 
 _DRAWN: Mapping[str, Callable[[Axes, Rows, Panel], None]] = {
@@ -148,5 +147,5 @@ _DRAWN: Mapping[str, Callable[[Axes, Rows, Panel], None]] = {
 }
 # By name; `draw_one_sided` draws what is in no row.
 FIGURES: dict[str, Callable[[Rows], Picture]] = {
-    name: partial(draw_panels, **given) for name, given in read_data("curves").items()
+    name: partial(draw_panels, **given) for name, given in CURVES.items()
 }

@@ -22,16 +22,6 @@ from dolfinx_signorini.norms.orders import (
 )
 
 TRACE = "H1_2_boundary_spectral"
-NAMES = {
-    "W1_2.6": "W^{1,2.6}",
-    "W1_4": "W^{1,4}",
-    "W1_16": "W^{1,16}",
-    "W1_inf": "W^{1,inf}",
-    "L4": "L^4",
-    "L16": "L^16",
-    "Linf": "L^inf",
-    TRACE: "H^{1/2} of the boundary",
-}
 
 
 @dataclass(frozen=True)
@@ -50,6 +40,14 @@ class ProvenOrder:
 
     def __str__(self) -> str:
         return f"{self.value:.4g}" + (" - eps" if self.open else "")
+
+
+def printed(norm: str) -> str:
+    """Return how the document prints a norm of the domain, or that of the trace."""
+    if norm == TRACE:
+        return "H^{1/2} of the boundary"
+    known = parse_norm(norm)
+    return f"W^{{1,{known.p:g}}}" if known.derivatives else f"L^{known.p:g}"
 
 
 def power_exponents(p: float) -> tuple[float, ...]:

@@ -13,8 +13,8 @@ from dolfinx_signorini.studies.paper.theory.checks import RULES, Check, value_of
 from dolfinx_signorini.studies.paper.theory.measures import TOGETHER
 from dolfinx_signorini.studies.paper.theory.proven import (
     CONSTANTS,
-    NAMES,
     allowed_order,
+    printed,
     proven_order,
     smooth_order,
     supercloseness_order,
@@ -38,7 +38,6 @@ class Statement:
         comment: How the statement is measured and what is seen.
         reason: Why nothing is measured; empty where something is.
         figure: Name of the picture; empty without one.
-        drawn: The experiments that the picture reads besides those of the checks.
         beyond: Whether the statement goes beyond the paper.
     """
 
@@ -49,14 +48,20 @@ class Statement:
     comment: str = ""
     reason: str = ""
     figure: str = ""
-    drawn: Sequence[str] = ()
     beyond: bool = False
 
     @property
     def experiments(self) -> set[str]:
         """The names of the experiments that the checks and the picture read."""
         names = {name for check in self.checks for name in check.experiments}
-        return names | set(self.drawn) if self.checks else names
+        panels = CURVES[self.figure]["panels"] if self.figure in CURVES else ()
+        return names.union(*(experiments_of(panel) for panel in panels))
+
+
+def experiments_of(texts: Texts) -> Sequence[str]:
+    """Return what a check or a panel is on: one experiment, a list of them, or a group."""
+    on = texts["on"]
+    return _GROUPS.get(on, [on]) if isinstance(on, str) else on
 
 
 def _statement(key: str, texts: Texts) -> Statement:
@@ -99,7 +104,7 @@ def _by_theorem(texts: Texts, norm: str | None) -> dict[str, Any]:
         found, own = supercloseness_order(p), {}
     else:
         found = proven_order(p, norm, texts.get("contact_sets", False))
-        own = {"of": f"errors/{norm}", "column": NAMES[norm]}
+        own = {"of": f"errors/{norm}", "column": printed(norm)}
         known = {"allowed": max(found.value, allowed_order(p, norm)), "smooth": smooth_order(norm)}
     known["proven"] = found.value
     sums = [str(limit).split(" + ") for limit in texts["order"]]
@@ -111,12 +116,11 @@ def _by_theorem(texts: Texts, norm: str | None) -> dict[str, Any]:
 def _check(texts: Texts) -> Check:
     """The check of an entry without placeholders."""
     kind, limits = next((RULES[key], value) for key, value in texts.items() if key in RULES)
-    on = _GROUPS.get(texts["on"], [texts["on"]]) if isinstance(texts["on"], str) else texts["on"]
     whole = texts.get("together")
     return Check(
         what=texts["what"],
         proven=texts["proven"],
-        experiments=tuple(on),
+        experiments=tuple(experiments_of(texts)),
         value=TOGETHER[whole] if whole else value_of(texts),
         rule=kind(*(CONSTANTS[x] if isinstance(x, str) else float(x) for x in limits)),
         first=texts.get("first", 0),
@@ -125,7 +129,7 @@ def _check(texts: Texts) -> Check:
     )
 
 
-_TEXTS = read_data("statements")
+_TEXTS, CURVES = read_data("statements"), read_data("curves")
 # Where each numbered formula of the paper is measured, or why not.
 EQUATIONS: Mapping[str, str] = _TEXTS.pop("equations")
 INTRODUCTION: str = _TEXTS.pop("introduction")  # of the document, with places for its figures
