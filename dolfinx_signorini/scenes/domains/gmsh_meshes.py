@@ -98,27 +98,25 @@ def read_msh(gmsh: Any, path: Path) -> None:
     }
     for name, count in announced.items():
         if found[name] != count:
-            message = f"${name} announces {count}, of which {found[name]} were read: "
-            raise InputError(f"{path.name}: {message}the file is damaged")
+            message = f"${name} announces {count}, of which {found[name]} were read"
+            raise InputError(f"{message}: the file is damaged")
     dimension = gmsh.model.getDimension()
     kinds = set(mesh_of.getElementTypes(dimension))
     if dimension < 2 or not kinds:
         raise InputError(
-            f"{path.name}: there are no triangles of a plane mesh and no tetrahedra; gmsh writes "
-            "the cells only where they have a physical group, as the sides have"
+            "there are no triangles of a plane mesh and no tetrahedra; gmsh writes the cells only "
+            "where they have a physical group, as the sides have"
         )
     simplex = {2: "triangle", 3: "tetrahedron"}[dimension]
     if kinds != {mesh_of.getElementType(simplex, 1)}:
-        raise InputError(
-            f"{path.name}: only straight-sided triangles in the plane and tetrahedra are solved on"
-        )
+        raise InputError("only straight-sided triangles in the plane and tetrahedra are solved on")
     if not gmsh.model.getPhysicalGroups(dimension):
-        raise InputError(f"{path.name}: the cells have no physical group")
+        raise InputError("the cells have no physical group")
     defect = _defect(gmsh, dimension)
     if defect:
-        raise InputError(f"{path.name}: {defect}")
+        raise InputError(defect)
     if not gmsh.model.getPhysicalGroups(dimension - 1):
-        raise InputError(f"{path.name}: no physical group on the boundary, so no side has a tag")
+        raise InputError("no physical group on the boundary, so no side has a tag")
 
 
 def _announced(path: Path) -> dict[str, int]:
@@ -131,17 +129,17 @@ def _announced(path: Path) -> dict[str, int]:
         name = match[1].decode(errors="replace")
         place = content.find(b"\n$End" + match[1], match.end() - 1)
         if place < 0:
-            raise InputError(f"{path.name}: ${name} has no end: the file is not complete")
+            raise InputError(f"${name} has no end: the file is not complete")
         sections[name] = content[match.end() : match.end() + 80]
         place += len("\n$End") + len(match[1])
     missing = [name for name in ("MeshFormat", "Nodes", "Elements") if name not in sections]
     if missing:
-        raise InputError(f"{path.name}: there is no ${missing[0]}: the file is not complete")
+        raise InputError(f"there is no ${missing[0]}: the file is not complete")
     try:
         return {name: _count(sections, name) for name in ("Nodes", "Elements")}
     except (ValueError, IndexError):
         message = "$Nodes or $Elements does not begin with the number of its entries"
-        raise InputError(f"{path.name}: {message}") from None
+        raise InputError(message) from None
 
 
 def _count(sections: dict[str, bytes], name: str) -> int:

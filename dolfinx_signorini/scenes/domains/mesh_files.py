@@ -152,14 +152,17 @@ def _read_mesh(comm: MPI.Comm, path: Path, grid: str, tags: str, cell_tags: str)
     message = comm.bcast(_refusal(path) if comm.rank == 0 else None)
     if message:
         raise InputError(message, "domain")
-    if path.suffix == ".msh":
-        sided = with_gmsh(comm, lambda gmsh: read_msh(gmsh, path), regions=cell_tags != "")
-    else:
-        sided = _read_xdmf(comm, path, grid, tags, cell_tags)
-    domain = sided.mesh
-    exterior, sides = boundary_facets(domain), sided.sides.values()
-    inner = any(not np.isin(owned_facets(domain, f), exterior).all() for f in sides)
-    require(comm, not inner, f"{path.name}: a facet tag is on facets inside the domain", "domain")
+    try:
+        if path.suffix == ".msh":
+            sided = with_gmsh(comm, lambda gmsh: read_msh(gmsh, path), regions=cell_tags != "")
+        else:
+            sided = _read_xdmf(comm, path, grid, tags, cell_tags)
+        domain = sided.mesh
+        exterior, sides = boundary_facets(domain), sided.sides.values()
+        inner = any(not np.isin(owned_facets(domain, f), exterior).all() for f in sides)
+        require(comm, not inner, "a facet tag is on facets inside the domain", "domain")
+    except InputError as error:
+        raise InputError(f"{path.name}: {error.message}", "domain") from None
     return sided
 
 
@@ -202,23 +205,17 @@ def _read_xdmf(comm: MPI.Comm, path: Path, grid: str, name: str, cell_name: str)
             cell_tags = file.read_meshtags(domain, name=cell_name) if cell_name else None
     except RuntimeError as error:
         reason = (str(error).strip().splitlines() or [""])[-1]
-        message = f"{path.name}: no mesh {grid!r} with {wanted} ({reason})"
-        raise InputError(message, "domain") from None
-    require(
-        comm,
-        is_straight(domain) and tags.dim == tdim - 1,
-        f"{path.name}: only straight-sided triangles in the plane and tetrahedra with tags "
-        "on their facets are solved on",
-        "domain",
-    )
+        raise InputError(f"no mesh {grid!r} with {wanted} ({reason})") from None
+    message = "only straight-sided triangles in the plane and tetrahedra with tags on their facets"
+    solved_on = is_straight(domain) and tags.dim == tdim - 1
+    require(comm, solved_on, f"{message} are solved on", "domain")
     defect = comm.bcast(cell_defect(*all_cells(domain)))
     if defect:
-        raise InputError(f"{path.name}: {defect}", "domain")
+        raise InputError(defect)
     sides = by_tag(tags, _numbers(comm, tags))
     if cell_tags is None:
         return SidedMesh(domain, sides)
-    message = f"{path.name}: the tags {cell_name!r} are none of cells"
-    require(comm, cell_tags.dim == tdim, message, "domain")
+    require(comm, cell_tags.dim == tdim, f"the tags {cell_name!r} are none of cells", "domain")
     return SidedMesh(domain, sides, owned_by_tag(domain, cell_tags, _numbers(comm, cell_tags)))
 
 
