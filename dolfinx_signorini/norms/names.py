@@ -34,11 +34,15 @@ class Norm:
         return f"L{exponent}{where}" if self.derivatives == 0 else f"W1_{exponent}{where}"
 
 
-def parse_norm(name: str) -> Norm:
+def parse_norm(name: str, subject: str = "norm") -> Norm:
     """Return the norm of a name such as L4, Linf, W1_4, W1_inf, L2_boundary or H1_2_boundary.
 
     H1 stands for W1_2, H1_2_boundary for the interpolation estimate of the H^{1/2} norm and
     H1_2_boundary_spectral for the norm itself.
+
+    Args:
+        name: The name.
+        subject: The subject of an error.
 
     Raises:
         InputError: The name is unknown or p is smaller than 1.
@@ -55,9 +59,9 @@ def parse_norm(name: str) -> Norm:
             f"unknown norm {name!r}; known are Lp and W1_p with 1 <= p <= inf (L4, Linf, W1_16, "
             "W1_inf), H1, each with or without _boundary, H1_2_boundary, H1_2_boundary_spectral"
         )
-        raise InputError(message, "norm") from None
+        raise InputError(message, subject) from None
     if not p >= 1.0:
-        raise InputError(f"{name!r}: p must be at least 1", "norm")
+        raise InputError(f"{name!r}: p must be at least 1", subject)
     return Norm(0.0 if match[1] == "L" else 1.0, p, boundary=match[4] is not None)
 
 
@@ -73,8 +77,5 @@ def listed_norms(text: str, others: Collection[str] = ()) -> tuple[str, ...]:
     """
     names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
     for name in [name for name in names if name not in others]:
-        try:
-            parse_norm(name)
-        except InputError as error:
-            raise InputError(error.message, "--norms") from None
+        parse_norm(name, "--norms")
     return names

@@ -197,10 +197,7 @@ def check_norms(norms: Sequence[str], expectation: Expectation, subject: str) ->
         InputError: A norm is infinite, or no norm.
     """
     for norm in norms if expectation.orders else ():
-        try:
-            parse_norm(norm)
-        except InputError as error:
-            raise InputError(error.message, subject) from None
+        parse_norm(norm, subject)
         if expectation.infinite(norm):
             raise InputError(
                 f"{norm} of the solution is infinite near {expectation.worst}; only data made for "

@@ -28,6 +28,7 @@ from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.norms.error_norms import error_norms, sampled_norms
 from dolfinx_signorini.norms.names import Norm, parse_norm
 from dolfinx_signorini.norms.references import Reference
+from dolfinx_signorini.studies.paper.solution import PAPER_RULE
 
 LINF, W1_INF, H1_2 = "Linf_sampled", "W1_inf_sampled", "H1_2_boundary_sampled"
 PAPER_NAMES = {LINF: "Linf", W1_INF: "W1_inf", H1_2: "H1_2_boundary"}  # in the paper's tables
@@ -54,7 +55,7 @@ class Equispaced(QuadratureRule):
 
 
 def paper_errors(
-    u_h: fem.Function, exact: Reference | None, names: Sequence[str], rule: QuadratureRule
+    u_h: fem.Function, exact: Reference | None, names: Sequence[str]
 ) -> dict[str, float]:
     """Compute norms of the error u_h - u by the paper's rules, where the paper has such a norm.
 
@@ -62,7 +63,6 @@ def paper_errors(
         u_h: The discrete solution on triangles.
         exact: The known solution; None for the norms of u_h itself.
         names: Names of norms, see `names.parse_norm`, and those of `PAPER_NAMES`.
-        rule: Quadrature rule of the norms on the domain with p < inf and of W1_inf_sampled.
 
     Returns:
         The values, by name, the same on all ranks.
@@ -73,14 +73,14 @@ def paper_errors(
     values = error_norms(u_h, exact, others)
     if W1_INF in names:
         inside[W1_INF] = Norm(1.0, math.inf)
-    found = sampled_norms(u_h, exact, list(inside.values()), rule)
+    found = sampled_norms(u_h, exact, list(inside.values()), PAPER_RULE)
     values |= {name: found[norm] for name, norm in inside.items()}
     if LINF in names:
         sample, points = Norm(0.0, math.inf), Equispaced("default", 2)
         values[LINF] = sampled_norms(u_h, exact, [sample], points)[sample]
     if H1_2 in names:
-        rule, ends = Equispaced("default", 6), ["L2_boundary", "H1_boundary"]
-        l2, h1 = error_norms(u_h, exact, ends, boundary_rule=rule).values()
+        points, ends = Equispaced("default", 6), ["L2_boundary", "H1_boundary"]
+        l2, h1 = error_norms(u_h, exact, ends, boundary_rule=points).values()
         values[H1_2] = math.sqrt(l2 * (l2 + math.sqrt(h1**2 - l2**2)))
     return {name: values[name] for name in names}
 

@@ -80,7 +80,7 @@ def _row(comm: MPI.Comm, n: int, settings: StudySettings) -> dict[str, Any]:
     wanted = Configuration(UNIFORM_P1, n, method=method, rtol=rtol)
     run, phases = solve_configuration(comm, paper_family(), wanted), Phases(comm)
     with phases("errors"):
-        errors = paper_errors(run.u, run.posed.exact, settings.norms, PAPER_RULE)
+        errors = paper_errors(run.u, run.posed.exact, settings.norms)
     seconds = run.seconds | phases.seconds
     measured = Cost("phase", "errors against the exact solution", 1, 0, seconds["errors"])
     told = ", ".join(f"{name} {value:.1f} s" for name, value in seconds.items())

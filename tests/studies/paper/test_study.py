@@ -104,7 +104,7 @@ def test_samples_of_sup_norms_are_those_of_the_paper(comm):
     # Of the triangles with an edge on x = 1, one has two vertices there, of which the second or
     # the third in its counterclockwise order is where the points are the densest.
     nearest = 1.0 - 0.5 * min(points.min(), (1.0 - points.sum(axis=1)).min())
-    values = paper_errors(function, None, (LINF, W1_INF, "Linf", "W1_inf"), PAPER_RULE)
+    values = paper_errors(function, None, (LINF, W1_INF, "Linf", "W1_inf"))
     assert values[LINF] == pytest.approx(1.0, rel=1e-13)
     assert 4.0 * 0.85**3 < values[W1_INF] <= 4.0 * nearest**3 * (1 + 1e-13)
     assert values["Linf"] == pytest.approx(1.0, rel=1e-13)
@@ -124,11 +124,11 @@ def test_the_estimate_on_the_boundary_is_the_papers(comm, power):
     assert (abs(square * (2 * power + 1) - 1.0) < 1e-13) == (2 * power < 8)
     l2 = math.sqrt(1.0 + 2.0 * square)  # the side x = 1, and the two sides along x
     seminorm = math.sqrt(2.0 * power**2 / (2 * power - 1))
-    value = paper_errors(function, None, [H1_2], PAPER_RULE)[H1_2]
+    value = paper_errors(function, None, [H1_2])[H1_2]
     assert value == pytest.approx(math.sqrt(l2 * (l2 + seminorm)), rel=1e-13, abs=0.0)
     function.x.array[:] = math.nan
     with pytest.raises(FloatingPointError):
-        paper_errors(function, None, [H1_2], PAPER_RULE)
+        paper_errors(function, None, [H1_2])
 
 
 def test_the_order_of_names_and_the_sampling_do_not_change_other_norms(comm):
@@ -136,10 +136,10 @@ def test_the_order_of_names_and_the_sampling_do_not_change_other_norms(comm):
     zero = fem.Function(fem.functionspace(exact.mesh, ("Lagrange", 1)))
     boundary = ("H1_2_boundary", "Linf_boundary", "H1_2_boundary_spectral")
     names = (W1_INF, "W1_4", H1_2, LINF, "L4", *boundary)
-    together = paper_errors(zero, exact, names, PAPER_RULE)
+    together = paper_errors(zero, exact, names)
     assert tuple(together) == names
     for name in names:
-        alone = paper_errors(zero, exact, [name], PAPER_RULE)[name]
+        alone = paper_errors(zero, exact, [name])[name]
         assert alone == pytest.approx(together[name], rel=1e-14, abs=0.0)
     found = error_norms(zero, exact, ["W1_4", "L4"], PAPER_RULE)
     found |= error_norms(zero, exact, boundary)
