@@ -5,6 +5,7 @@ gmsh runs on rank 0, and an error of gmsh is raised on all ranks.
 
 import re
 from collections.abc import Callable
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -172,8 +173,8 @@ def _defect(gmsh: Any, dimension: int) -> str:
     defect = cell_defect(cells, points[cells, :dimension])
     if defect:
         return defect
-    corners = [[k for k in range(dimension + 1) if k != j] for j in range(dimension + 1)]
-    facets = np.sort(np.concatenate([cells[:, c] for c in corners]), axis=1)
+    corners = map(list, combinations(range(dimension + 1), dimension))
+    facets = np.concatenate([np.sort(cells[:, k], axis=1) for k in corners])
     facets = np.unique(facets, axis=0)
     known = np.unique(np.concatenate((facets, np.sort(sides, axis=1))), axis=0)
     if len(known) > len(facets):

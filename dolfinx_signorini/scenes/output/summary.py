@@ -111,7 +111,9 @@ def summarise(
     zone, several = problem.zones[-1], len(problem.zones) > 1
     one_sided = len(zone.obstacles) == 1 and not zone.in_domain
     if one_sided and scene.domain.dimension == 2:
-        points = _by_place(detachment_points(zone))  # type: ignore[arg-type]
+        points = detachment_points(zone)  # type: ignore[arg-type]
+        order = by_place([point.position for point in points], digits=ALIKE)
+        points = [points[k] for k in order]  # whatever the error of the solve
     beside = boundary_beside(result)
     contact_size, undecided_size, boundary_size = domain.comm.bcast(
         _sizes(boundary, [] if several else points)
@@ -268,11 +270,6 @@ def _imbalance(problem: BoundConstrainedProblem, forces: Sequence[Array]) -> flo
     shares = columns / largest
     sizes = max(float(np.linalg.norm(shares, axis=1).sum()), whole / largest)
     return float(np.linalg.norm(shares.sum(axis=0)) / sizes)
-
-
-def _by_place(points: Sequence[DetachmentPoint]) -> list[DetachmentPoint]:
-    """Return points in the order of their coordinates, whatever the error of the solve."""
-    return [points[k] for k in by_place([point.position for point in points], digits=ALIKE)]
 
 
 def forces_on(posed: PosedScene) -> dict[str, Force]:
