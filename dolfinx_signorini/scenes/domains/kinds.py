@@ -3,17 +3,14 @@
 A new shape is a subclass of `Domain` in the list `DOMAINS`.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from dolfinx import mesh
 from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.tolerances import ROUNDING
-from dolfinx_signorini.meshes.box_meshes import box_mesh, friedrichs_keller
+from dolfinx_signorini.meshes.box_meshes import box_mesh
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets, entity_nodes
 from dolfinx_signorini.scenes.domains.domain import MAX_VERTICES, Domain
 from dolfinx_signorini.scenes.domains.mesh_files import MeshFile
@@ -51,7 +48,14 @@ class Square(Domain):
         return replace(self, cells=n)
 
     def make(self, comm: MPI.Comm) -> SidedMesh:
-        return _with_sides(friedrichs_keller(comm, self.cells), self.side_names)
+        domain = box_mesh(comm, [np.linspace(0.0, 1.0, self.cells + 1)] * self.dimension)
+        facets = boundary_facets(domain)
+        x = domain.geometry.x[entity_nodes(domain, self.dimension - 1, facets)]
+        sides = {}
+        for k, name in enumerate(self.side_names):  # for each axis the side at 0 and that at 1
+            there = (np.abs(x[:, :, k // 2] - k % 2) < ROUNDING).all(axis=1)
+            sides[name] = facets[there]
+        return SidedMesh(domain, sides)
 
 
 @dataclass(frozen=True)
@@ -63,10 +67,6 @@ class Cube(Square):
     side_names = CUBE_SIDES
     coarse_cells = 5
     first_cells = 2
-
-    def make(self, comm: MPI.Comm) -> SidedMesh:
-        domain = box_mesh(comm, [np.linspace(0.0, 1.0, self.cells + 1)] * 3)
-        return _with_sides(domain, self.side_names)
 
 
 DOMAINS: dict[str, type[Domain]] = {d.shape: d for d in (Square, Cube, Polygon, MeshFile)}
@@ -96,15 +96,3 @@ def read_domain(
         raise table.error(None, f"a mesh of more than {MAX_VERTICES} vertices")
     table.finish()
     return domain
-
-
-def _with_sides(domain: mesh.Mesh, names: Sequence[str]) -> SidedMesh:
-    """Return a mesh of the unit square or cube with its sides: for each axis that at 0 and at 1."""
-    dim, facets = domain.topology.dim - 1, boundary_facets(domain)
-    x = domain.geometry.x[entity_nodes(domain, dim, facets)]
-
-    def on(k: int) -> LocalIndices:
-        return facets[(np.abs(x[:, :, k // 2] - k % 2) < ROUNDING).all(axis=1)]
-
-    sides = {name: on(k) for k, name in enumerate(names)}
-    return SidedMesh(domain, sides)
