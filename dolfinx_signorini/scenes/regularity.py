@@ -20,7 +20,6 @@ from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
     boundary_facets,
     cell_corners,
-    entity_nodes,
     owned_cells,
 )
 from dolfinx_signorini.norms.orders import SMOOTH
@@ -88,7 +87,7 @@ def singular_corners(
     ends = corners_of(domain, 1)
     meeting = {kind: summed(places, ends[on]) > 0.0 for kind, on in facets.items()}
     owned = np.arange(places.size_local, dtype=np.int32)
-    x = domain.geometry.x[entity_nodes(domain, 0, owned)[:, 0]]
+    x = mesh.compute_midpoints(domain, 0, owned)
     found = []
     for i in np.flatnonzero(exponents[owned] < 2.0):
         kinds = tuple(kind for kind, touched in meeting.items() if touched[i])

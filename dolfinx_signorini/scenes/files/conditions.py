@@ -183,8 +183,7 @@ class Dirichlet(BoundaryCondition):
         own = compiled.assembled(compiled.form(restricted(residual, space.mesh, near)), space)
         # The obstacle pushes on nodes, too, of which some components are held.
         forces = own.x.array[fixed] - problem.forces.x.array[fixed]
-        sums = np.array([forces[fixed % size == k].sum() for k in range(size)])
-        return np.asarray(problem.comm.allreduce(sums))
+        return np.asarray(problem.comm.allreduce(np.bincount(fixed % size, forces, size)))
 
 
 @dataclass(frozen=True)

@@ -83,11 +83,9 @@ class EdgeData:
     @property
     def matrix(self) -> sp.csr_matrix:
         """From the nodal values of a piecewise linear function to its samples, edge by edge."""
-        edges, samples = np.indices(self.u.shape).reshape(2, -1)
-        columns = np.concatenate([edges, (edges + 1) % len(self.u)])
-        weights = np.concatenate([1.0 - self.t[samples], self.t[samples]])
-        rows = np.tile(np.arange(self.u.size), 2)
-        return sp.csr_matrix((weights, (rows, columns)), shape=(self.u.size, len(self.u)))
+        first, t = sp.identity(len(self.u), format="csr"), self.t[:, None]
+        second = first[np.roll(np.arange(len(self.u)), -1)]
+        return sp.csr_matrix(sp.kron(first, 1.0 - t) + sp.kron(second, t))
 
 
 @dataclass(frozen=True)
