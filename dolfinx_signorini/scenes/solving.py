@@ -207,9 +207,10 @@ def _solve_on_adapted_meshes(
 ) -> SceneResult:
     """Solve a scene by the adaptive loop; see `solve_adaptively` for what is asked."""
     scene = replace(scene, domain=scene.domain.first(), degree=degrees[0])
-    expectation = _look_at_solution(scene, comm, request.target.name)
+    sided = scene.domain.make(comm)
+    expectation = _look_at_solution(scene, sided, request.target.name)
     began = time.perf_counter()
-    first = _first_mesh(scene, comm, request.max_unknowns)
+    first = _first_mesh(scene, sided, request.max_unknowns)
     expectation = replace(expectation, notes=(*expectation.notes, *first.notes))
     phases.lap("first mesh")
     posed: list[PosedScene] = []
@@ -237,13 +238,12 @@ def _solve_on_adapted_meshes(
     return _result(posed[0], expectation, phases, found=found)
 
 
-def _look_at_solution(scene: Scene, comm: MPI.Comm, norm: str) -> Expectation:
+def _look_at_solution(scene: Scene, sided: SidedMesh, norm: str) -> Expectation:
     """Refuse a solution without finite values or norms before anything is solved."""
-    sided = scene.domain.make(comm)
     expectation = expect(scene, sided)
     check_norms([norm], expectation, "norm")
     if scene.solution is not None:
-        posed = pose(scene, comm, sided)
+        posed = pose(scene, sided.mesh.comm, sided)
         try:
             check_errors(posed, expectation, norm)
         finally:
@@ -261,11 +261,10 @@ def _degrees(scene: Scene) -> tuple[int, ...]:
     return tuple(range(lowest, highest + 1))
 
 
-def _first_mesh(scene: Scene, comm: MPI.Comm, max_unknowns: int) -> Resolved:
+def _first_mesh(scene: Scene, sided: SidedMesh, max_unknowns: int) -> Resolved:
     """Return the first mesh of the adaptive loop."""
     solution = scene.solution if scene.manufactured else None  # the load jumps where this does
     known = Coefficients(solution or scene.load, scene.reaction, scene.diffusion)
-    sided = scene.domain.make(comm)
     stiffness = () if scene.elasticity is None else STIFFNESS
     limits = scene.degree, max_unknowns
     return first_mesh(sided, partial(data_of, scene), known, *limits, stiffness, "elasticity")
