@@ -89,7 +89,7 @@ def _write(
         say("\n" + document.section(statement))
     pictures = args.out / PICTURES
     pictures.mkdir(parents=True, exist_ok=True)
-    for name in {statement.figure for statement in chosen if statement.checks} & FIGURES.keys():
+    for name in {statement.figure for statement in chosen} & FIGURES.keys():
         FIGURES[name](rows).save(pictures / name)
     if approximation is not None:
         draw_one_sided(approximation).save(pictures / ONE_SIDED)

@@ -320,29 +320,27 @@ def _gathered(
         names: The names of the sides.
     """
     space, told = problem.space, Touching(problem)
-    touching = determined(space, told.nodes)
-    fields = problem.u.x.array, problem.gap.x.array, problem.pressure.x.array
-    values, gap, pressure = (values_at_control_points(space, f)[used] for f in fields)
-    pressure[~told.known_pressure[used]] = np.nan
-    marks = touching[used].astype(np.float64)
-    of_part = told.ranges[used], told.parts[used].astype(np.float64)
-    columns = np.column_stack((values, gap, pressure, marks, *of_part))
-    found = gathered(space, used, columns, pieces, sides)
+    fields = problem.u, problem.gap, problem.pressure
+    u, gap, pressure = (values_at_control_points(space, field.x.array) for field in fields)
+    known = np.where(told.known_pressure, pressure, np.nan)
+    columns = u, gap, known, determined(space, told.nodes), told.ranges, told.parts
+    rows = np.column_stack([column[used] for column in columns])
+    found = gathered(space, used, rows, pieces, sides)
     if found is None:
         return None
-    points, values, corners, sides = found
+    points, rows, corners, sides = found
     order = by_place(points)
     corners = np.sort(np.argsort(order)[corners], axis=1)
     in_order = np.lexsort(corners.T[::-1])
     corners, sides = corners[in_order], sides[in_order]
-    points, values = points[order], values[order]
+    points, values, (touching, ranges, parts) = points[order], rows[order, :3], rows[order, 3:].T
     widths = np.linalg.norm(points[corners[:, 1]] - points[corners[:, 0]], axis=1)
     extent = float(np.ptp(points, axis=0).max())
     points[np.abs(points) < ROUNDING * extent] = 0.0
     clear = np.zeros(len(points), dtype=bool)
-    for part in np.unique(values[:, 5]):
-        own = values[:, 5] == part
+    for part in np.unique(parts):
+        own = parts == part
         length = widths[own[corners[:, 0]]].max() / np.ptp(points[own], axis=0).max()
-        clear[own] = values[own, 1] > CLEAR * values[own, 4] * length**1.5
+        clear[own] = values[own, 1] > CLEAR * ranges[own] * length**1.5
     named = problem.sign < 0.0, problem.unknown, names, sides
-    return kind(points, values[:, :3], corners, values[:, 3] > 0.0, clear, *named)
+    return kind(points, values, corners, touching > 0.0, clear, *named)
