@@ -80,10 +80,9 @@ def make_record(result: SceneResult, summary: Summary) -> dict[str, Any]:
     scene, found = result.posed.scene, result.found
     asked: dict[str, Any] = {"rtol": scene.rtol}
     if found is not None:
-        request = found.request
-        asked = {"accuracy": request.accuracy, "budget": request.budget}
+        request, norm = found.request, found.request.target.name
+        asked = {"accuracy": request.accuracy, "budget": request.budget, "norm": norm}
         asked = {key: value for key, value in asked.items() if value is not None}
-        asked["norm"] = request.target.name
     return {
         "title": scene.title,
         "versions": versions(),
