@@ -206,10 +206,10 @@ def _solve_on_adapted_meshes(
     on_step: Callable[[Step], None],
 ) -> SceneResult:
     """Solve a scene by the adaptive loop; see `solve_adaptively` for what is asked."""
+    began = time.perf_counter()
     scene = replace(scene, domain=scene.domain.first(), degree=degrees[0])
     sided = scene.domain.make(comm)
     expectation = _look_at_solution(scene, sided, request.target.name)
-    began = time.perf_counter()
     first = _first_mesh(scene, sided, request.max_unknowns)
     expectation = replace(expectation, notes=(*expectation.notes, *first.notes))
     phases.lap("first mesh")
