@@ -8,6 +8,7 @@ Source: Strang and Fix, An Analysis of the Finite Element Method, Prentice-Hall 
 """
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import ufl
 from dolfinx import fem
@@ -19,6 +20,7 @@ from dolfinx_signorini.accuracy.targets import Functional
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.bounds.strong_form import polynomial_degree
 from dolfinx_signorini.data.reading import lowered
+from dolfinx_signorini.data.readings import Reading
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
 
 HIGHER = 6  # degrees: rules of nearly twice the points in each direction
@@ -31,8 +33,9 @@ def missed_by_quadrature(a: ufl.Form, L: ufl.Form, w: fem.Function) -> list[ufl.
         a, L: The forms, whose subdomains may differ.
         w: The solution.
     """
-    forms = [ufl.Form(list(_raised(form, w))) for form in (L, -ufl.action(a, w))]
-    return [form for form in forms if not form.empty()]
+    load, stiffness = (ufl.Form(list(_raised(form))) for form in (L, a))
+    forms = [] if load.empty() else [load]
+    return forms if stiffness.empty() else [*forms, -ufl.action(stiffness, w)]
 
 
 def missed_of_functional(functional: Functional, u: fem.Function) -> float:
@@ -40,10 +43,11 @@ def missed_of_functional(functional: Functional, u: fem.Function) -> float:
     return abs(compiled.integral(ufl.Form(list(_raised(functional(u), u))), "norm"))
 
 
-def _raised(form: ufl.Form, w: fem.Function) -> Iterator[ufl.Integral]:
+def _raised(form: ufl.Form, *functions: fem.Function) -> Iterator[ufl.Integral]:
     """The integrals with more points, less those of a form, where that makes a difference."""
-    for integral in form.integrals():
-        degree = _few_points(integral, (*form.arguments(), w))
+    parts, reading = (*form.arguments(), *functions), Reading(form)
+    for i, integral in enumerate(form.integrals()):
+        degree = reading.once(("few points", i), partial(_few_points, integral, parts))
         if degree is None:
             continue
         rule = QuadratureRule("default", max(min(degree + HIGHER, MAX_DEGREE), degree + 1))

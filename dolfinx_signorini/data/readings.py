@@ -60,7 +60,7 @@ class Reading:
 
     def places(self, integral: int) -> list[Place]:
         """Return the places of the summands of an integral."""
-        count = self._once(("count", integral), lambda: len(self.terms[integral]))
+        count = self.once(("count", integral), lambda: len(self.terms[integral]))
         return [(integral, k) for k in range(count)]
 
     def has_normals(self, place: Place) -> bool:
@@ -70,7 +70,7 @@ class Reading:
             parts = traverse_unique_terminals(self.terms[place[0]][place[1]])
             return any(isinstance(part, ufl.FacetNormal) for part in parts)
 
-        return self._once(("normals", place), found)
+        return self.once(("normals", place), found)
 
     def is_linear_in_normals(self, place: Place) -> bool:
         """Return whether a summand is the sum of components of the normal, each with a factor."""
@@ -79,7 +79,7 @@ class Reading:
             term, arguments = self.terms[place[0]][place[1]], self.form.arguments()
             return is_linear_in_normals(term, self.form.ufl_domain(), arguments)
 
-        return self._once(("linear in normals", place), found)
+        return self.once(("linear in normals", place), found)
 
     def formula(
         self, place: Place, chosen: Sequence[int], normal: int = 0, functions: bool = False
@@ -94,7 +94,7 @@ class Reading:
                 of the formula, behind those of space; by default they are not readable.
         """
         key = place, tuple(chosen), normal, functions
-        return self._once(key, lambda: self._read(place, chosen, normal, functions))
+        return self.once(key, lambda: self._read(place, chosen, normal, functions))
 
     def total(self, places: Sequence[Place], chosen: Sequence[int], normal: int = 0) -> Formula:
         """Return the sum of the readable ones of some summands; see `formula`."""
@@ -133,8 +133,8 @@ class Reading:
         known |= self._arguments(chosen)
         return read(self.terms[place[0]][place[1]], known)
 
-    def _once(self, key: Hashable, find: Callable[[], T]) -> T:
-        """What is known of the form under a key, or found now."""
+    def once(self, key: Hashable, find: Callable[[], T]) -> T:
+        """Return what is known of forms of this kind under a key, or found now."""
         if key not in self._known:
             self._known[key] = find()
         found: T = self._known[key]
