@@ -353,10 +353,10 @@ class BoundConstrainedProblem(OnContact):
         """The density of the contact pressure; its integral is the sum of the forces.
 
         The pressure is a function of the space, or for vectors, along the direction, of the scalar
-        space of one component. The pressure is never negative with one obstacle, and 0 away from
-        the contact set: with nodal elements at all dofs that are not in contact, but of degree 2
-        and higher where the obstacle acts on triangles or tetrahedra, which share their forces out
-        to those that they touch. In the Bernstein basis the entries of the function are
+        space of one component. With one obstacle the pressure is never negative at nodes, and 0
+        away from the contact set: with nodal elements at all dofs that are not in contact, but of
+        degree 2 and higher where the obstacle acts on triangles or tetrahedra, which share their
+        forces out to those that they touch. In the Bernstein basis the entries of the function are
         coefficients, 0 at the dofs that are not in contact, and no values. The pressure pushes u up
         from a lower obstacle, and down from an upper one; with two obstacles the pressure of the
         upper one is negative. Each access is collective and makes a new function, which later
