@@ -7,7 +7,7 @@ import numpy as np
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import BLOCK, Array, LocalIndices
+from dolfinx_signorini.base.arrays import Array, LocalIndices, blocks
 from dolfinx_signorini.base.ranks import highest, summed
 from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.jacobians import determinants
@@ -39,7 +39,7 @@ def cell_norms(f: fem.Function, norm: Norm, of: Quantity | None = None) -> Array
         points, weights = rule_of_powers(element, norm.p).points(element.cell_type)
     parts = ErrorAtPoints(f, None, norm.derivatives > 0.0, of)
     found = []
-    for cells in blocks(domain, len(points)):
+    for cells in blocks_of_cells(domain, len(points)):
         values = parts(Points(domain, cells, points))
         found.append(p_norm(np.transpose([p_norm(v, norm.p, weights) for v in values]), norm.p))
     return np.asarray(np.concatenate(found) * volumes(domain) ** (1.0 / norm.p))
@@ -58,7 +58,7 @@ def powers_tested(f: fem.Function, p: float) -> fem.Function:
     element, parts = space.element.basix_element, component_arrays(f)
     points, weights = rule_of_powers(element, p).points(element.cell_type)
     table = element.tabulate(0, points)[0, :, :, 0]
-    in_blocks, sizes_of_cells = blocks(domain, len(points)), volumes(domain)
+    in_blocks, sizes_of_cells = blocks_of_cells(domain, len(points)), volumes(domain)
 
     def values_in(cells: LocalIndices) -> list[Array]:
         return [part[space.dofmap.list[cells]] @ table.T for part in parts]
@@ -84,10 +84,10 @@ def over(values: Array, sizes: Array) -> Array:
     return np.divide(values, sizes, out=np.zeros_like(values), where=sizes > 0.0)
 
 
-def blocks(domain: mesh.Mesh, rows: int) -> list[LocalIndices]:
+def blocks_of_cells(domain: mesh.Mesh, rows: int) -> list[LocalIndices]:
     """Return the owned cells in blocks, for so many rows for each cell; at least one block."""
     owned = owned_cells(domain)
-    return np.array_split(owned, 1 + len(owned) * rows // BLOCK)
+    return [owned[part] for part in blocks(len(owned), rows)]
 
 
 def shared_out(parts: Array, p: float, comm: MPI.Comm) -> Array:

@@ -21,7 +21,7 @@ import basix
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import blocks
+from dolfinx_signorini.accuracy.cells import blocks_of_cells
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.jacobians import inverses
@@ -61,7 +61,7 @@ def highest_derivatives(f: fem.Function, derivatives: float) -> Array:
     directions = product(range(dim), repeat=degree)
     rows = table[[basix.index(*map(d.count, range(dim))) for d in directions]]
     found = []
-    for block in blocks(domain, dim**degree):
+    for block in blocks_of_cells(domain, dim**degree):
         edges = cell_edges(domain, block)
         size = np.linalg.norm(edges, axis=1).max(axis=1)
         maps = size[:, None, None] * inverses(edges)

@@ -12,7 +12,7 @@ import numpy as np
 from dolfinx import mesh
 from scipy.spatial import cKDTree
 
-from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, Mask
+from dolfinx_signorini.base.arrays import Array, Indices, Mask, blocks
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, SOLVED
 from dolfinx_signorini.meshes.sided_meshes import gathered_cells
 
@@ -118,12 +118,10 @@ def _near(corners: Array, outer: Indices) -> Iterator[tuple[Indices, Indices]]:
     low, high = corners.min(axis=1), corners.max(axis=1)
     middle, radius = 0.5 * (low + high), 0.5 * np.linalg.norm(high - low, axis=1)
     classes = np.ceil(np.log2(radius)).astype(np.int64)
-    step = max(1, BLOCK // 50)
     for size in np.unique(classes):
         members = np.flatnonzero(classes == size)
         tree = cKDTree(middle[members])
-        for start in range(0, len(outer), step):
-            some = outer[start : start + step]
+        for some in (outer[part] for part in blocks(len(outer), 50)):
             found = tree.query_ball_point(middle[some], radius[some] + math.ldexp(1.0, int(size)))
             counts = np.array([len(f) for f in found])
             first = np.repeat(some, counts)

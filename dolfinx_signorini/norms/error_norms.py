@@ -31,7 +31,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
 
-from dolfinx_signorini.base.arrays import BLOCK, Array, LocalIndices, Mask
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask, blocks
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import (
     FUNCTION,
@@ -266,10 +266,9 @@ def _blocks(
         turned = clockwise(domain, places[parts.rows])
     for reverse in (False, True):
         points, weights = rule.points(cell, reverse)
-        step = max(1, (BLOCK if parts.few_maps else BLOCK // 8) // len(points))
+        width = (1 if parts.few_maps else 8) * len(points)
         for some in parts.alike(np.flatnonzero(turned == reverse)):
-            for start in range(0, len(some), step):
-                rows = some[start : start + step]
+            for rows in (some[part] for part in blocks(len(some), width)):
                 at = parts.points(points, rows)
                 yield rows, Points(domain, places[parts.rows[rows]], at), weights
 

@@ -17,7 +17,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy.spatial import KDTree
 
-from dolfinx_signorini.base.arrays import BLOCK, Array, Indices, LocalIndices, Mask
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask, blocks
 from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, HALVINGS, ROUNDING, SOLVED
 from dolfinx_signorini.meshes.points import Points
@@ -70,9 +70,9 @@ class Maxima:
         """The largest samples, and whether there are points without a value, both (1 or 2, n)."""
         tops, holes = [], []
         rows = self._screened()
-        places, step = self._places[rows], max(1, BLOCK // len(self._lattice))
-        for start in range(0, max(1, len(places)), step):
-            values = self._values(places[start : start + step], self._lattice)
+        places = self._places[rows]
+        for part in blocks(len(places), len(self._lattice)):
+            values = self._values(places[part], self._lattice)
             tops.append(values.max(axis=2))
             holes.append((values < 0.0).mean(axis=2))
         share = np.concatenate(holes, axis=1)
@@ -137,15 +137,14 @@ class Maxima:
 
         An error without derivatives has one row.
         """
-        blocks, step = [], max(1, BLOCK // at.shape[-2])
-        for start in range(0, max(1, len(places)), step):
-            part = slice(start, start + step)
+        values = []
+        for part in blocks(len(places), at.shape[-2]):
             here = Points(self._error.domain, places[part], at if at.ndim == 2 else at[part])
             found = [np.abs(component) for component in self._error(here)]
             rows = [found[0], functools.reduce(np.maximum, found)] if len(found) > 1 else found
-            blocks.append(np.stack(rows))
-        values = np.concatenate(blocks, axis=1)
-        return np.where(np.isnan(values), -1.0, values)
+            values.append(np.stack(rows))
+        every = np.concatenate(values, axis=1)
+        return np.where(np.isnan(every), -1.0, every)
 
     def _boxes(self, at: Array, radius: float) -> Array:
         """A grid of SIDE points per direction around each point, within the closed cell."""
