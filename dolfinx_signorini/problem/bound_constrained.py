@@ -382,19 +382,6 @@ class BoundConstrainedProblem(OnContact):
         forces.x.array[:] *= self.sign
         return forces
 
-    @property
-    def force(self) -> float:
-        """The total contact force on u, positive upwards: so negative for an upper obstacle.
-
-        The force is the integral of the pressure, with the sign of its direction, and takes part in
-        the balance of all forces on u. The call is collective.
-
-        Raises:
-            InputError: The problem has not been solved.
-        """
-        owned = self.forces.x.array[self.contact_dofs]
-        return self.sign * float(self.comm.allreduce(float(owned.sum())))
-
     def contact_state(self) -> ContactState:
         """Return the solution with its pressure, as the solve on a finer mesh takes them.
 

@@ -29,6 +29,9 @@ class OnContact(ABC):
         len(problem.active) / len(problem.obstacle_nodes)
     """
 
+    space: fem.FunctionSpace
+    sign: float  # -1 where all obstacles are upper ones, else 1
+
     @property
     @abstractmethod
     def _layout(self) -> Layout:
@@ -52,6 +55,19 @@ class OnContact(ABC):
             InputError: The problem has not been solved.
         """
         return np.unique(np.concatenate(self.active_sides)).astype(np.int32)
+
+    @property
+    def force(self) -> float:
+        """The total contact force on u, positive upwards: so negative for an upper obstacle.
+
+        The force is the integral of the pressure, with the sign of its direction, and takes part in
+        the balance of all forces on u. The call is collective.
+
+        Raises:
+            InputError: The problem has not been solved.
+        """
+        owned = self.forces.x.array[self.obstacle_nodes]
+        return self.sign * float(self.space.mesh.comm.allreduce(float(owned.sum())))
 
     @property
     def normal_forces(self) -> fem.Function:
@@ -152,12 +168,6 @@ class ContactZone(OnContact):
         found.x.array[:] *= self.sign
         found.x.scatter_forward()
         return found
-
-    @property
-    def force(self) -> float:
-        """The total contact force of the zone on u, positive upwards; collective."""
-        owned = self.forces.x.array[self.obstacle_nodes]
-        return self.sign * float(self.space.mesh.comm.allreduce(float(owned.sum())))
 
     @property
     def pressure(self) -> fem.Function:
