@@ -194,14 +194,24 @@ def corners_of(domain: mesh.Mesh, codim: int) -> LocalIndices:
     return links.reshape(-1, math.comb(dim + 1, tdim - 1))
 
 
+def angles_at_places(domain: mesh.Mesh, cells: LocalIndices) -> Array:
+    """Return the sums of the angles of cells at places, vertices or edges; the call is collective.
+
+    Args:
+        domain: A mesh of triangles or tetrahedra.
+        cells: Owned cells.
+    """
+    places = domain.topology.index_map(domain.topology.dim - 2)
+    return summed(places, corners_of(domain, 0)[cells], cell_angles(domain, cells))
+
+
 def _candidates(domain: mesh.Mesh, part: PrincipalPart, sides: Sides) -> Mask:
     """Where the boundary bends, the condition changes, or coefficients jump."""
     places, every = domain.topology.index_map(domain.topology.dim - 2), owned_cells(domain)
     on_facets, on_cells = corners_of(domain, 1)[sides.facets], corners_of(domain, 0)[every]
     boundary = summed(places, on_facets) > 0.0
     cells = every[boundary[on_cells].any(axis=1)]
-    angles = summed(places, on_cells[cells], cell_angles(domain, cells))
-    bent = boundary & (np.abs(angles - math.pi) >= STRAIGHT)
+    bent = boundary & (np.abs(angles_at_places(domain, cells) - math.pi) >= STRAIGHT)
     conditions = _given(sides.given, sides.stopped, sides.touching)
     mixed = np.einsum("fij,ij->f", conditions, mixing((part.size, part.size)))
     changes = _spread(places, on_facets, np.repeat(mixed[:, None], on_facets.shape[1], axis=1))

@@ -7,7 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from dolfinx import mesh
 
-from dolfinx_signorini.accuracy.corners import Sides, corners_of, exponents_at_places
+from dolfinx_signorini.accuracy.corners import (
+    Sides,
+    angles_at_places,
+    corners_of,
+    exponents_at_places,
+)
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import highest, summed
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
@@ -15,7 +20,6 @@ from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.facet_jumps import data_jumps
 from dolfinx_signorini.data.interfaces.integrability import DISTANCES, power_of
 from dolfinx_signorini.data.principal_part import diffusion_part
-from dolfinx_signorini.meshes.angles import cell_angles
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
     boundary_facets,
@@ -83,7 +87,7 @@ def singular_corners(
     sides = [Sides(every, given.astype(float), stopped.astype(float), state) for state in states]
     exponents = np.min([exponents_at_places(domain, part, known) for known in sides], axis=0)
     places = domain.topology.index_map(0)
-    angles = _vertex_angles(domain)
+    angles = angles_at_places(domain, owned_cells(domain))
     ends = corners_of(domain, 1)
     meeting = {kind: summed(places, ends[on]) > 0.0 for kind, on in facets.items()}
     owned = np.arange(places.size_local, dtype=np.int32)
@@ -137,11 +141,4 @@ def known_corner(solution: Formula, corner: Corner, domain: mesh.Mesh) -> Corner
 def largest_angle(domain: mesh.Mesh) -> float:
     """Return the largest interior angle on the boundary, in radians; the call is collective."""
     ends = corners_of(domain, 1)[boundary_facets(domain)]
-    return highest(domain.comm, _vertex_angles(domain)[ends])
-
-
-def _vertex_angles(domain: mesh.Mesh) -> Array:
-    """The sum of the angles of the cells at each vertex that this rank knows; collective."""
-    cells = owned_cells(domain)
-    corners = corners_of(domain, 0)[cells]
-    return summed(domain.topology.index_map(0), corners, cell_angles(domain, cells))
+    return highest(domain.comm, angles_at_places(domain, owned_cells(domain))[ends])
