@@ -6,6 +6,7 @@ import numpy as np
 import ufl
 from dolfinx import fem, mesh
 
+from dolfinx_signorini.base import compat
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.meshes.sided_meshes import facet_cells
 from dolfinx_signorini.problem.dirichlet import dirichlet
@@ -26,6 +27,7 @@ class Case:
             sides have the flux of the solution.
         obstacle: On the lowest side, in any form that problems take.
         rtol: How well the problem is solved.
+        told: Whether the problem knows the Dirichlet data between the nodes.
     """
 
     def __init__(
@@ -41,6 +43,7 @@ class Case:
         upper=False,
         obstacle=0.0,
         rtol=1e-10,
+        told=False,
     ):
         self.domain, self.A, self.c = domain, A, c
         d = domain.topology.dim
@@ -66,7 +69,13 @@ class Case:
         a = (ufl.dot(A * ufl.grad(w), ufl.grad(v)) + c * w * v) * self.dx
         a += KAPPA * w * v * self.ds(2)
         L = load * v * self.dx + flux * v * self.ds(1) + (flux + KAPPA * u) * v * self.ds(2)
-        bcs = [dirichlet(space, held, u)] if fixed else []
+        bcs = []
+        if fixed and told:
+            bcs = [dirichlet(space, held, u)]
+        elif fixed:
+            g = fem.Function(space)
+            g.interpolate(fem.Expression(u, compat.interpolation_points(space.element)))
+            bcs = [fem.dirichletbc(g, fem.locate_dofs_topological(space, d - 1, held))]
         self.terms = EnergyTerms(
             diffusion=A,
             reaction=c,

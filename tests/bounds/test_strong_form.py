@@ -31,7 +31,7 @@ def test_the_forms_tell_what_a_user_states(name, comm):
     """Loads, fluxes with normals, coefficients and data: every part of the bound is the same."""
     solution, given = CASES[name]
     domain = square(comm, 6)
-    case = Case(domain, solution(ufl.SpatialCoordinate(domain)), 2, **given)
+    case = Case(domain, solution(ufl.SpatialCoordinate(domain)), 2, told=True, **given)
     read, stated = energy_bound(case.problem), energy_bound(case.problem, case.terms)
     for part in ("flux", "data", "contact", "mean", "lifting", "total"):
         size = 1e-9 * stated.total
