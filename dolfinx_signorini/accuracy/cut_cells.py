@@ -26,7 +26,6 @@ from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import function_with
 from dolfinx_signorini.base.tolerances import SOLVED, TINY
 from dolfinx_signorini.data.coefficients import Coefficients
-from dolfinx_signorini.data.formulas import evaluated
 from dolfinx_signorini.data.interfaces.interface import interfaces
 from dolfinx_signorini.data.interfaces.jumps import cut_cells
 from dolfinx_signorini.data.interfaces.pieces import inside
@@ -90,7 +89,7 @@ class _Cuts:
 
     def __init__(self, problem: BoundConstrainedProblem, data: Coefficients):
         self.domain, self.problem = problem.space.mesh, problem
-        self.u, self.space, self.rows = problem.u, problem.space, data.diffusion
+        self.u, self.space, self.data = problem.u, problem.space, data
         element = self.space.element.basix_element
         dim, self.degree = self.domain.topology.dim, element.degree
         pieces, owners = cut_cells(data.entries, self.domain, self.degree)
@@ -103,15 +102,16 @@ class _Cuts:
         edges = (pieces[:, 1:] - pieces[:, :1])[..., dim:]
         self.weights = np.abs(np.linalg.det(edges)) * weights[:, None]
         self.edges = cell_edges(self.domain, self.cells)
-        self.normals = self._normals(data)
-        self.fluxes = np.einsum("ij...,...j->...i", self._diffusion(self.x), self.normals)  # A n
+        self.normals = self._normals()
+        A = data.diffusion_at(self.x)
+        self.fluxes = np.einsum("ij...,...j->...i", A, self.normals)  # A n
         self.across = (self.fluxes * self.normals).sum(axis=2)
         self.volumes = self.integrals(np.ones_like(self.across))
 
-    def _normals(self, data: Coefficients) -> Array:
+    def _normals(self) -> Array:
         """The normals of the jumps; zero where none is found."""
         result = np.zeros_like(self.x)
-        for interface in interfaces(*data.entries):  # what is inside of a formula comes last
+        for interface in interfaces(*self.data.entries):  # what is inside of a formula comes last
             values = interface.values(self.x)
             above, below = (self.largest(side) > 0.0 for side in (values, -values))
             slope = interface.gradients(self.x)
@@ -196,7 +196,7 @@ class _Cuts:
         cells = np.flatnonzero(whole).astype(np.int32)
         dim = self.domain.topology.dim
         middles = Points(self.domain, cells, np.full((1, dim), 1.0 / (dim + 1.0)))
-        A = self._diffusion(np.stack(middles.x, axis=2))
+        A = self.data.diffusion_at(np.stack(middles.x, axis=2))
         fluxes = np.einsum("ijcq,jcq->ic", A, middles.gradients(self.u)[0])
         # Errors of the flux are smallest where A is small.
         weights = volumes(self.domain)[cells] / np.trace(A)[:, 0]
@@ -204,11 +204,3 @@ class _Cuts:
         sums = np.array([summed_at_vertices(self.domain, f, cells) for f in values])
         around = sums[:, self.domain.geometry.dofmap[self.cells]].sum(axis=2)
         return np.asarray((around[1:] / np.where(around[0] > 0.0, around[0], np.inf)).T)
-
-    def _diffusion(self, x: Array) -> Array:
-        """The matrix A at points, with the indices of the matrix first."""
-        rows, dim = self.rows, x.shape[-1]
-        values = [[evaluated(entry.root, x) for entry in row] for row in rows]
-        if len(rows) == 1:
-            values = [[values[0][0] * (i == j) for j in range(dim)] for i in range(dim)]
-        return np.array(values)

@@ -23,7 +23,6 @@ from dolfinx_signorini.accuracy.terms import Solved
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.derivatives import Derivative
-from dolfinx_signorini.data.formulas import evaluated
 from dolfinx_signorini.data.interfaces.interface import Interface, interfaces
 from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.interfaces.pieces import inside
@@ -124,10 +123,7 @@ class _Kinks:
         self, interface: Interface, x: Array, normal: Array, u: Array
     ) -> tuple[Array, Array]:
         """The jumps of the second and third derivatives of the solution along normals at points."""
-        entries = [[evaluated(entry.root, x) for entry in row] for row in self.data.diffusion]
-        across: Array = np.asarray(entries[0][0] if entries else 1.0)
-        if len(entries) > 1:
-            across = np.einsum("ci,ijc,cj->c", normal, np.array(entries), normal)
+        across = np.einsum("ci,ijc,cj->c", normal, self.data.diffusion_at(x), normal)
         jump, kink = np.zeros((2, len(x)))
         for formula, factor in ((self.data.load, 1.0), (self.data.reaction, -u)):
             if formula is not None:

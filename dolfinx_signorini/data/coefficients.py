@@ -3,7 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dolfinx_signorini.data.formulas import ONE, ZERO, Formula, Node
+import numpy as np
+
+from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.data.formulas import ONE, ZERO, Formula, Node, evaluated
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,11 @@ class Coefficients:
     def entries(self) -> tuple[Formula, ...]:
         """The entries of A."""
         return tuple(entry for row in self.diffusion for entry in row)
+
+    def diffusion_at(self, x: Array) -> Array:
+        """Return A at points, shape (..., dimension); the indices of the matrix come first."""
+        rows = tensor(self.diffusion, x.shape[-1])
+        return np.array([[evaluated(node, x) for node in row] for row in rows])
 
 
 def tensor(rows: Sequence[Sequence[Formula]], dimension: int) -> list[list[Node]]:
