@@ -19,7 +19,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import cell_norms, collected, joined, total
+from dolfinx_signorini.accuracy.cells import cell_norms
 from dolfinx_signorini.accuracy.contact_ends import (
     SAMPLES,
     contact_on_entities,
@@ -54,7 +54,7 @@ from dolfinx_signorini.meshes.sided_meshes import (
 )
 from dolfinx_signorini.norms.names import Norm
 from dolfinx_signorini.norms.pointwise import length
-from dolfinx_signorini.norms.power_sums import p_norm
+from dolfinx_signorini.norms.power_sums import collected, joined, p_norm, total
 from dolfinx_signorini.problem.assembly import dofs_on_entities
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem, Contact
 from dolfinx_signorini.problem.constraint import Obstacle

@@ -1,4 +1,4 @@
-"""Norms of finite element functions cell by cell, and how values of cells are put together."""
+"""Norms of finite element functions cell by cell, and what cells share out."""
 
 import math
 
@@ -17,7 +17,7 @@ from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
 from dolfinx_signorini.norms.names import Norm
 from dolfinx_signorini.norms.pointwise import ErrorAtPoints, Quantity, length
-from dolfinx_signorini.norms.power_sums import p_norm, power
+from dolfinx_signorini.norms.power_sums import p_norm, power, total
 
 MAX_DEGREE = 20  # of the quadrature of p-th powers: larger p are integrated roughly
 
@@ -107,39 +107,6 @@ def volumes(domain: mesh.Mesh) -> Array:
     return np.abs(determinants(cell_edges(domain, owned_cells(domain))))
 
 
-def collected(values: Array, owners: LocalIndices, count: int, power: float) -> Array:
-    """Put values of cells together: the root of the sum of their powers, or the largest value.
-
-    Args:
-        values: One value per cell, not negative.
-        owners: For each cell the place where its value belongs.
-        count: The number of places.
-        power: The exponent, from 1 to infinity.
-    """
-    result = np.zeros(count)
-    if math.isinf(power):
-        np.maximum.at(result, owners, values)
-        return result
-    largest = float(values.max(initial=0.0)) or 1.0
-    sums = np.bincount(owners, (values / largest) ** power, count)
-    return np.asarray(largest * sums ** (1.0 / power))
-
-
-def joined(one: Array, other: Array, power: float) -> Array:
-    """Put two values per cell together: the root of the sum of their powers, or the larger one.
-
-    Args:
-        one, other: Values, not negative.
-        power: The exponent, from 1 to infinity.
-    """
-    largest = np.maximum(one, other)
-    if math.isinf(power):
-        return largest
-    with np.errstate(all="ignore"):
-        ratio = np.nan_to_num(np.minimum(one, other) / largest)
-    return np.asarray(largest * (1.0 + ratio**power) ** (1.0 / power))
-
-
 def summed_at_vertices(domain: mesh.Mesh, values: Array, cells: LocalIndices) -> Array:
     """Return for each vertex the sum of values of cells around the vertex, on all ranks.
 
@@ -150,22 +117,6 @@ def summed_at_vertices(domain: mesh.Mesh, values: Array, cells: LocalIndices) ->
         cells: The owned cells that have the values.
     """
     return summed(domain.geometry.index_map(), domain.geometry.dofmap[cells], values[:, None])
-
-
-def total(values: Array, power: float, comm: MPI.Comm) -> float:
-    """Put the values of all cells of all ranks together, see `collected`.
-
-    Args:
-        values: One value per owned cell, not negative.
-        power: The exponent, from 1 to infinity.
-        comm: The communicator of the mesh; the call is collective.
-    """
-    largest = highest(comm, values)
-    if math.isinf(power) or largest == 0.0:
-        return largest
-    return float(
-        largest * comm.allreduce(float(((values / largest) ** power).sum())) ** (1.0 / power)
-    )
 
 
 def rule_of_powers(element: basix.finite_element.FiniteElement, p: float) -> QuadratureRule:

@@ -18,7 +18,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import collected, summed_at_vertices, total, volumes
+from dolfinx_signorini.accuracy.cells import summed_at_vertices, volumes
 from dolfinx_signorini.accuracy.marking import NOTABLE
 from dolfinx_signorini.accuracy.targets import Target, size
 from dolfinx_signorini.accuracy.terms import Solved
@@ -33,6 +33,7 @@ from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.polynomials import polynomials
 from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
+from dolfinx_signorini.norms.power_sums import collected, total
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
 SPREAD = 1.7  # times what cut cells add: the cells around have part in the error, as measured

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.cells import joined, over, shared_out, total
+from dolfinx_signorini.accuracy.cells import over, shared_out
 from dolfinx_signorini.accuracy.contact_ends import (
     cells_at_contact_ends,
     cells_at_kinks,
@@ -36,6 +36,7 @@ from dolfinx_signorini.base.tolerances import PRECISION
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.norms.orders import KINK_EXPONENT, SMOOTH, is_finite
+from dolfinx_signorini.norms.power_sums import joined, total
 from dolfinx_signorini.norms.sectors import LOGARITHM
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 

@@ -24,7 +24,7 @@ from dolfinx_signorini.accuracy.boundary_defects import (
     data_defects,
     forces_over_gaps,
 )
-from dolfinx_signorini.accuracy.cells import collected, joined, over, powers_tested, total
+from dolfinx_signorini.accuracy.cells import over, powers_tested
 from dolfinx_signorini.accuracy.contact_ends import unknown_ends
 from dolfinx_signorini.accuracy.derivatives import highest_derivatives, left_by_derivatives
 from dolfinx_signorini.accuracy.negative_pressure import negative_pressure
@@ -49,6 +49,7 @@ from dolfinx_signorini.meshes.elements import (
 )
 from dolfinx_signorini.meshes.quadrature import FACET_RULE
 from dolfinx_signorini.norms.pointwise import length
+from dolfinx_signorini.norms.power_sums import collected, joined, total
 
 AWAY = 2.0  # sizes of a cell: so near are singular points to cells that do not resolve them
 # Terms of the error of w, which no comparison shows.

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from dolfinx import mesh
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.cells import collected, summed_at_vertices, volumes
+from dolfinx_signorini.accuracy.cells import summed_at_vertices, volumes
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.lookups import Lookup
 from dolfinx_signorini.base.ranks import highest
@@ -28,6 +28,7 @@ from dolfinx_signorini.base.tolerances import (
 from dolfinx_signorini.meshes.balance import balanced
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, cell_corners, owned_cells
+from dolfinx_signorini.norms.power_sums import collected
 
 # By how much what measured rates say may be off, of errors, sizes and seconds.
 SAFETY = 1.3

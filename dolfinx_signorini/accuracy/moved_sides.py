@@ -14,7 +14,7 @@ import math
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import cell_norms, total
+from dolfinx_signorini.accuracy.cells import cell_norms
 from dolfinx_signorini.accuracy.rates import SLOWEST
 from dolfinx_signorini.accuracy.targets import Target, size
 from dolfinx_signorini.accuracy.terms import Solved, difference
@@ -24,6 +24,7 @@ from dolfinx_signorini.meshes.curved_sides import CurvedSides
 from dolfinx_signorini.meshes.refinement import Refinement, with_nodes_moved
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.norms.names import parse_norm
+from dolfinx_signorini.norms.power_sums import total
 
 
 class MovedSides:

@@ -25,7 +25,6 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from dolfinx_signorini.accuracy.cells import collected
 from dolfinx_signorini.accuracy.contact_ends import (
     contact_on_entities,
     facet_lattice,
@@ -42,6 +41,7 @@ from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.meshes.sided_meshes import facet_scale, facet_vertices
 from dolfinx_signorini.norms.pointwise import length
+from dolfinx_signorini.norms.power_sums import collected
 from dolfinx_signorini.problem.bound_constrained import Contact
 
 

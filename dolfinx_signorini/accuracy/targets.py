@@ -11,7 +11,7 @@ from dolfinx import fem
 from ufl.algorithms.analysis import extract_type
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.accuracy.cells import cell_norms, total
+from dolfinx_signorini.accuracy.cells import cell_norms
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
@@ -21,6 +21,7 @@ from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.names import Norm, parse_norm
 from dolfinx_signorini.norms.orders import Numbers, singular_order
 from dolfinx_signorini.norms.pointwise import Quantity, quantity_of, returned
+from dolfinx_signorini.norms.power_sums import total
 
 Functional = Callable[[Expr], ufl.Form]
 

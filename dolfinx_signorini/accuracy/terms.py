@@ -35,7 +35,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import collected, shared_out, total
+from dolfinx_signorini.accuracy.cells import shared_out
 from dolfinx_signorini.accuracy.quadrature_errors import missed_by_quadrature
 from dolfinx_signorini.accuracy.targets import Target, size
 from dolfinx_signorini.base import compiled
@@ -45,6 +45,7 @@ from dolfinx_signorini.base.ranks import highest, summed
 from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.refinement import Transfer
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.norms.power_sums import collected, total
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.solvers.stop import SHARE
 

@@ -21,7 +21,7 @@ from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING, SIX_DIGITS
 from dolfinx_signorini.meshes.parts import Parts
 from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
 from dolfinx_signorini.norms.names import Norm
-from dolfinx_signorini.norms.power_sums import norm_of_all, p_norm
+from dolfinx_signorini.norms.power_sums import collected, norm_of_all, p_norm
 
 Sizes = Callable[[], dict[Norm, float]]
 
@@ -147,8 +147,7 @@ class _ControlledSum:
 
     def on_places(self, rows: Indices, count: int) -> Array:
         """The norm on each of `count` places, from those on the parts kept; `rows` has theirs."""
-        powers = (np.concatenate(self._values) / (self.total or 1.0)) ** self._p
-        return np.asarray(self.total * np.bincount(rows, powers, count) ** (1.0 / self._p))
+        return collected(np.concatenate(self._values), rows, count, self._p)
 
     def _differences(self, fine: Array, coarse: Array) -> Array:
         """How far apart the p-th powers are, relative to that of the norm."""

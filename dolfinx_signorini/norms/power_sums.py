@@ -1,8 +1,10 @@
 """Sums of p-th powers that neither overflow nor underflow, for any p and values of any size."""
 
 import math
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array
@@ -42,10 +44,38 @@ def norm_of_all(comm: MPI.Comm, values: Array, p: float) -> float:
     Raises:
         FloatingPointError: The norm is not a number on some rank.
     """
-    total = float(p_norm(np.array(comm.allgather(float(p_norm(values, p)))), p))
-    if not math.isfinite(total):
-        raise FloatingPointError(f"the error is {total} at a point of evaluation")
-    return total
+    norm = total(values, p, comm)
+    if not math.isfinite(norm):
+        raise FloatingPointError(f"the error is {norm} at a point of evaluation")
+    return norm
+
+
+def total(values: Array, p: float, comm: MPI.Comm) -> float:
+    """Return the norm over all places of all ranks as `norm_of_all` does, finite or not."""
+    return float(p_norm(np.array(comm.allgather(float(p_norm(values, p)))), p))
+
+
+def joined(one: Array, other: Array, p: float) -> Array:
+    """Return for each place the norm over two values, not negative, that the place has."""
+    return p_norm(np.stack((one, other), axis=-1), p)
+
+
+def collected(values: Array, owners: npt.NDArray[np.integer[Any]], count: int, p: float) -> Array:
+    """Return for each place the norm over the values that belong to the place, 0 for none.
+
+    Args:
+        values: The values, not negative.
+        owners: For each of them its place.
+        count: The number of places.
+        p: The exponent, from 1 to infinity.
+    """
+    result = np.zeros(count)
+    if math.isinf(p):
+        np.maximum.at(result, owners, values)
+        return result
+    largest = float(values.max(initial=0.0)) or 1.0
+    sums = np.bincount(owners, (values / largest) ** p, count)
+    return np.asarray(largest * sums ** (1.0 / p))
 
 
 def power(values: Array, p: float) -> Array:

@@ -17,13 +17,13 @@ from dolfinx_signorini import (
     solve_adaptively,
 )
 from dolfinx_signorini.accuracy.boundary_defects import forces_over_gaps
-from dolfinx_signorini.accuracy.cells import total
 from dolfinx_signorini.accuracy.estimates import Estimator
 from dolfinx_signorini.accuracy.problem_data import integrate_piecewise
 from dolfinx_signorini.accuracy.targets import size, target
 from dolfinx_signorini.accuracy.terms import Solution, Solved
 from dolfinx_signorini.meshes.refinement import Transfer, refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets, facet_cells
+from dolfinx_signorini.norms.power_sums import total
 
 CELLS = {2: 6, 3: 2}  # on each side of the undivided mesh, by dimension
 HEIGHT = 1e-3

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from dolfinx import fem, mesh
 
-from dolfinx_signorini.accuracy.cells import cell_norms, collected, rule_of_powers, total, volumes
+from dolfinx_signorini.accuracy.cells import cell_norms, rule_of_powers, volumes
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.norms.names import parse_norm
+from dolfinx_signorini.norms.power_sums import collected, total
 
 
 def function(domain, degree, values):

@@ -22,7 +22,7 @@ from dolfinx_signorini import (
     solve_adaptively,
 )
 from dolfinx_signorini.accuracy.adaptive import found_lines
-from dolfinx_signorini.accuracy.cells import total, volumes
+from dolfinx_signorini.accuracy.cells import volumes
 from dolfinx_signorini.accuracy.marking import Marks
 from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.targets import target
@@ -37,6 +37,7 @@ from dolfinx_signorini.meshes.sided_meshes import (
     facet_nodes,
     owned_cells,
 )
+from dolfinx_signorini.norms.power_sums import total
 from dolfinx_signorini.norms.references import Reference
 from dolfinx_signorini.scenes import load_scene, solve_scene
 from dolfinx_signorini.scenes.domains.mesh_files import MeshFile

@@ -11,10 +11,10 @@ from dolfinx import fem
 from known import alone
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.cells import total
 from dolfinx_signorini.accuracy.cut_cells import SPREAD, cut_errors
 from dolfinx_signorini.accuracy.targets import target
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.norms.power_sums import total
 from dolfinx_signorini.scenes import pose
 from dolfinx_signorini.scenes.files.reading import parse_scene
 from dolfinx_signorini.scenes.posing import coefficients

@@ -8,11 +8,11 @@ from dolfinx import fem
 from mpi4py import MPI
 
 import dolfinx_signorini as ds
-from dolfinx_signorini.accuracy.cells import collected
 from dolfinx_signorini.accuracy.derivatives import left_by_derivatives
 from dolfinx_signorini.meshes.elements import bernstein_space
 from dolfinx_signorini.meshes.refinement import Transfer, refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
+from dolfinx_signorini.norms.power_sums import collected
 from dolfinx_signorini.studies.paper.solution import paper_problem
 
 CELLS = {2: basix.CellType.triangle, 3: basix.CellType.tetrahedron}

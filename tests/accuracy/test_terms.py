@@ -8,7 +8,6 @@ from mpi4py import MPI
 
 from dolfinx_signorini import SignoriniProblem, bernstein_space
 from dolfinx_signorini.accuracy.boundary_defects import data_between_nodes
-from dolfinx_signorini.accuracy.cells import total
 from dolfinx_signorini.accuracy.estimates import Estimator
 from dolfinx_signorini.accuracy.indicators import indicators
 from dolfinx_signorini.accuracy.marking import SAFETY
@@ -27,6 +26,7 @@ from dolfinx_signorini.accuracy.terms import (
 )
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
+from dolfinx_signorini.norms.power_sums import total
 from dolfinx_signorini.problem.dirichlet import dirichlet
 
 TERMS = (residuals, released, held, caught)
