@@ -16,7 +16,7 @@ import numpy.typing as npt
 from dolfinx import mesh
 
 from dolfinx_signorini.accuracy.marking import NOTABLE
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, SOLVED
@@ -27,6 +27,8 @@ from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.interfaces.pieces import inside, widths
 from dolfinx_signorini.data.interfaces.singular_sets import jumps
 from dolfinx_signorini.data.sampling import HIDDEN, Datum, Samples, sample
+from dolfinx_signorini.meshes.points import points_at
+from dolfinx_signorini.meshes.polynomials import depths
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, cell_corners, longest_side, owned_cells
 
@@ -158,7 +160,7 @@ class _Interpolation:
         self.element = basix.create_element(basix.ElementFamily.P, cell, datum.degree, variant)
         self.samples: Samples = sample(datum, domain.comm, size)
         self.deviations = np.zeros(len(self.samples.points))
-        self._fit(_Cells(domain), np.arange(len(self.samples.points)))
+        self._fit(domain, np.arange(len(self.samples.points)))
         self.doubt = ""
         if self.samples.hidden > HEIGHT:
             self.doubt = f"{self.name} may have features so narrow that they are overlooked"
@@ -168,7 +170,7 @@ class _Interpolation:
         samples, count = self.samples, len(owned_cells(domain))
         if samples.norm == 0.0:
             return np.zeros(count, dtype=bool)
-        shares, wide = self._shares(count), widths(_Cells(domain).corners) / self.size
+        shares, wide = self._shares(count), widths(cell_corners(domain)) / self.size
         if self.datum.measure == "height":
             jumping = np.bincount(samples.owners, samples.unclear, count) > 0.0
             return (shares > HEIGHT) & (wide > np.where(jumping, JUMP, HALF_OF_THE_DIGITS))
@@ -190,28 +192,31 @@ class _Interpolation:
         samples.owners = children[first]
         moved = np.flatnonzero(count[old] > 1)
         best = np.full(len(moved), -math.inf)
-        cells = _Cells(domain)
         for k in range(int(count[old].max(initial=0))):
             rows = np.flatnonzero(count[old[moved]] > k)
             candidates = children[first[moved[rows]] + k]
-            inner = _depth(cells.pulled_back(candidates, samples.points[moved[rows]]))
+            inner = depths(self._pulled_back(domain, moved[rows], candidates))
             better = inner > best[rows]
             best[rows[better]] = inner[better]
             samples.owners[moved[rows[better]]] = candidates[better]
-        self._fit(cells, moved)
+        self._fit(domain, moved)
 
-    def _fit(self, cells: "_Cells", rows: npt.NDArray[np.int64]) -> None:
+    def _fit(self, domain: mesh.Mesh, rows: Indices) -> None:
         """Find the deviations of samples from the interpolation of the datum on their cells."""
         samples, nodes = self.samples, np.asarray(self.element.points, dtype=np.float64)
         # Data may jump across a facet: nodes on facets are moved into their cell.
         nodes = nodes + SOLVED * (nodes.mean(axis=0) - nodes)
         chosen, place = np.unique(samples.owners[rows], return_inverse=True)
-        values = evaluated(self.datum.formula.root, inside(cells.corners[chosen], nodes)).T
+        values = evaluated(self.datum.formula.root, inside(cell_corners(domain, chosen), nodes)).T
         values = np.where(np.isfinite(values), values, 0.0)
-        points = cells.pulled_back(samples.owners[rows], samples.points[rows])
+        points = self._pulled_back(domain, rows, samples.owners[rows])
         basis = np.asarray(self.element.tabulate(0, points))[0, :, :, 0]
         fitted = np.einsum("pn,pn->p", basis, values[place])
         self.deviations[rows] = np.abs(samples.values[rows] - fitted)
+
+    def _pulled_back(self, domain: mesh.Mesh, rows: Indices, cells: Indices) -> Array:
+        """The places of samples in the reference cell, each in the cell that is named for it."""
+        return points_at(domain, cells.astype(np.int32), self.samples.points[rows, None]).at[:, 0]
 
     def _shares(self, count: int) -> Array:
         """The deviation in each cell, of the norm of the datum."""
@@ -222,30 +227,3 @@ class _Interpolation:
         else:
             np.maximum.at(result, samples.owners, self.deviations)
         return np.asarray(result / samples.norm, dtype=np.float64)
-
-
-class _Cells:
-    """The owned cells of a mesh.
-
-    Attributes:
-        corners: The vertices of the cells, shape (cells, vertices, dimension).
-    """
-
-    def __init__(self, domain: mesh.Mesh):
-        self.corners = cell_corners(domain)
-        self.inverse = np.linalg.inv(self.corners[:, 1:] - self.corners[:, :1])
-
-    def pulled_back(self, cells: npt.NDArray[np.int64], points: Array) -> Array:
-        """Return the coordinates of points in the reference cells of the cells around the points.
-
-        Args:
-            cells: The cell around each point.
-            points: The points, shape (points, dimension).
-        """
-        offsets = points - self.corners[cells, 0]
-        return np.asarray(np.einsum("pi,pij->pj", offsets, self.inverse[cells]))
-
-
-def _depth(points: Array) -> Array:
-    """How far inside of the reference cell points are; negative for points outside."""
-    return np.minimum(points.min(axis=1), 1.0 - points.sum(axis=1))

@@ -38,6 +38,7 @@ from dolfinx_signorini.base.ranks import anywhere, highest, marked
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.points import Points
+from dolfinx_signorini.meshes.polynomials import depths
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.meshes.sided_meshes import facet_scale, facet_vertices
 from dolfinx_signorini.norms.pointwise import length
@@ -69,7 +70,7 @@ def negative_pressure(solved: Solved, dual: Dual | None) -> Array:
     lack = np.maximum(-pressure, 0.0)
     largest, share = lack.max(axis=1, initial=0.0), negative.mean(axis=1)
     width = (facet_scale(domain, pairs[held]) * share) ** (1.0 / (dim - 1.0))
-    rim = np.column_stack((1.0 - lattice.sum(axis=1), lattice)).min(axis=1) < SOLVED
+    rim = depths(lattice) < SOLVED
     across = negative[:, rim].any(axis=1)  # the facet beside has a part of the gap, too
     half = 0.5 * width * np.where(across, 2.0, 1.0)
     opened = half * lack.mean(axis=1) / np.where(share > 0.0, share, 1.0)

@@ -6,6 +6,7 @@ cell tabulate what they need.
 """
 
 import functools
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -19,7 +20,7 @@ from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.tolerances import SOLVED, UNIT
 from dolfinx_signorini.meshes.jacobians import determinants, inverses
-from dolfinx_signorini.meshes.sided_meshes import facet_vertices
+from dolfinx_signorini.meshes.sided_meshes import cell_edges, facet_vertices
 
 
 class Points:
@@ -167,6 +168,22 @@ class Points:
         dofmap = function.function_space.dofmap
         dofs = np.take(dofmap.list, self.cells, axis=0)  # faster than an index
         return [function.x.array[dofmap.bs * dofs + i] for i in range(dofmap.bs)]
+
+
+def points_at(domain: mesh.Mesh, cells: LocalIndices, x: Array) -> Points:
+    """Return points from their coordinates.
+
+    Args:
+        domain: A mesh of straight-sided triangles or tetrahedra that fill the space.
+        cells: The cells of the points.
+        x: The coordinates of the points of each cell, shape (cells, points, coordinates).
+    """
+    maps, dim = inverses(cell_edges(domain, cells)), domain.topology.dim
+    offsets = x - domain.geometry.x[domain.geometry.dofmap[cells, :1], :dim]
+    at = np.zeros(offsets.shape)
+    for i, j in itertools.product(range(dim), repeat=2):
+        at[:, :, i] += maps[:, i, j, None] * offsets[:, :, j]
+    return Points(domain, cells, at)
 
 
 def basix_element(function: fem.Function, subject: str = "") -> Any:

@@ -171,6 +171,16 @@ def barycentric(points: Array) -> Array:
     return np.column_stack((1.0 - points.sum(axis=1), points))
 
 
+def depths(points: Array) -> Array:
+    """Return how far inside of the reference simplex points are, negative for points outside.
+
+    Args:
+        points: The points, shape (..., dimension).
+    """
+    along = [*np.moveaxis(points, -1, 0)]  # NumPy is slow along a last axis of a few numbers
+    return np.asarray(np.minimum.reduce([*along, 1.0 - sum(along)]))
+
+
 def rule(dimension: int, degree: int) -> tuple[Array, Array]:
     """Return points and positive weights on a reference simplex; the weights add up to 1.
 

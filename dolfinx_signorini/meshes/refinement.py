@@ -4,7 +4,6 @@ A refined mesh is shared by the ranks like its parent mesh, cell by cell, so tha
 to a cell of the parent mesh is found on the rank of the child cells.
 """
 
-import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -22,13 +21,12 @@ from dolfinx_signorini.meshes.elements import (
     control_points,
     points_on_cells,
 )
-from dolfinx_signorini.meshes.jacobians import inverses
 from dolfinx_signorini.meshes.parents import Parent, remember_parent
-from dolfinx_signorini.meshes.points import Points
+from dolfinx_signorini.meshes.points import Points, points_at
+from dolfinx_signorini.meshes.polynomials import depths
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
     boundary_facets,
-    cell_edges,
     entity_nodes,
     facet_cells,
 )
@@ -218,7 +216,7 @@ class Transfer:
         wanted, first = first_places(dofs.ravel())
         cells = parents[first // dofs.shape[1]]
         x = control_points(fine)[wanted, None, : fine.mesh.topology.dim]
-        self.prolong = Interpolation(coarse, _points_at(coarse.mesh, cells, x), fine, wanted)
+        self.prolong = Interpolation(coarse, points_at(coarse.mesh, cells, x), fine, wanted)
         self.restrict = self._restriction(parents)
 
     def _restriction(self, parents: LocalIndices) -> Interpolation:
@@ -226,10 +224,10 @@ class Transfer:
         dim, dofs = self.fine.mesh.topology.dim, self.coarse.dofmap.list[parents]
         nodes = control_points(self.coarse)[dofs, :dim]
         cells = np.arange(len(parents), dtype=np.int32)
-        points = _points_at(self.fine.mesh, cells, nodes).at
+        points = points_at(self.fine.mesh, cells, nodes).at
         # The nearest one of the child cells: rounding takes nodes out of cells that are small
         # beside their coordinates, and fitted vertices may leave a node outside of all.
-        outside, flat = _outside(points).ravel(), dofs.ravel()
+        outside, flat = -depths(points).ravel(), dofs.ravel()
         least = np.full(int(flat.max(initial=-1)) + 1, np.inf)
         np.minimum.at(least, flat, outside)
         nearest = np.flatnonzero(outside == least[flat])
@@ -256,7 +254,7 @@ def with_nodes_moved(u: fem.Function, move: Callable[[], object]) -> fem.Functio
     cells = np.flatnonzero(moved).astype(np.int32)
     places = points_on_cells(space, cells)[..., : geometry.dim]
     geometry.x[:] = before  # the places after, in the cells before
-    values = _points_at(space.mesh, cells, places).values(u)
+    values = points_at(space.mesh, cells, places).values(u)
     geometry.x[:] = after
     for part, component in zip(component_arrays(result), values, strict=True):
         part[space.dofmap.list[cells]] = component
@@ -278,7 +276,7 @@ def prolong_on_cells(
     coarse, fine = (f.function_space for f in pairs[0])
     dofs, around, dim = fine.dofmap.list[cells], parents[cells], fine.mesh.topology.dim
     x = points_on_cells(fine, cells)[..., :dim]
-    points = _points_at(coarse.mesh, around, x)
+    points = points_at(coarse.mesh, around, x)
     for old, new in pairs:
         new.x.array[dofs] = points.values(old)[0]
         new.x.array[:] = coefficients_of(fine, new.x.array, cells)
@@ -290,27 +288,3 @@ def first_places(dofs: LocalIndices) -> tuple[LocalIndices, LocalIndices]:
     first[dofs[::-1]] = np.arange(len(dofs) - 1, -1, -1, dtype=np.int32)
     found = np.flatnonzero(first >= 0).astype(np.int32)
     return found, first[found]
-
-
-def _points_at(domain: mesh.Mesh, cells: LocalIndices, x: Array) -> Points:
-    """Return points from their coordinates.
-
-    Args:
-        domain: A mesh with straight-sided cells.
-        cells: The cells of the points.
-        x: The coordinates of the points of each cell, shape (cells, points, coordinates).
-    """
-    maps, dim = inverses(cell_edges(domain, cells)), domain.topology.dim
-    offsets = x - domain.geometry.x[domain.geometry.dofmap[cells, :1], :dim]
-    at = np.zeros(offsets.shape)
-    for i, j in itertools.product(range(dim), repeat=2):
-        at[:, :, i] += maps[:, i, j, None] * offsets[:, :, j]
-    return Points(domain, cells, at)
-
-
-def _outside(places: Array) -> Array:
-    """How far points are outside of the reference cell, negative inside; the last axis goes."""
-    smallest, total = places[..., 0], 1.0 - places[..., 0]
-    for i in range(1, places.shape[-1]):
-        smallest, total = np.minimum(smallest, places[..., i]), total - places[..., i]
-    return -np.minimum(smallest, total)
