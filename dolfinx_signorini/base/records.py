@@ -23,7 +23,7 @@ import dolfinx
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.errors import InputError, together
 from dolfinx_signorini.base.logs import Progress, log
 
 T = TypeVar("T")
@@ -143,19 +143,13 @@ def on_first(comm: MPI.Comm, folder: Path, action: Callable[[], T]) -> T:
         InputError: The function raised an InputError, or the folder cannot be written; raised on
             all ranks.
     """
-    value: T | None = None
-    failure: tuple[str, str] | None = None
-    if comm.rank == 0:
+    subject = f"output folder {folder}"
+    with together(comm, subject):
         try:
-            value = action()
-        except InputError as error:
-            failure = (error.message, error.subject)
+            value = action() if comm.rank == 0 else None
         except OSError as error:
-            failure = (f"cannot be written: {error.strerror or error}", f"output folder {folder}")
-    value, failure = comm.bcast((value, failure), root=0)
-    if failure is not None:
-        raise InputError(*failure)
-    return cast(T, value)
+            raise InputError(f"cannot be written: {error.strerror or error}", subject) from None
+    return cast(T, comm.bcast(value))
 
 
 def refuse_foreign(folder: Path, names: Iterable[str], own: Collection[str] = ()) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from dolfinx import la
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
-from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.errors import InputError, together
 from dolfinx_signorini.base.kinds import callable_, check, gmsh_model, integer, optional
 from dolfinx_signorini.base.ranks import anywhere, highest, summed
 from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING, SOLVED
@@ -190,26 +190,24 @@ class CurvedSides:
 
     def _projected(self, sided: SidedMesh, name: str, points: Array) -> Array:
         """The projections of points, shape (points, 3); the call is collective."""
-        comm, message = sided.mesh.comm, ""
+        comm = sided.mesh.comm
         parts, answers = comm.gather(points), None
-        if parts is not None:
-            whole = np.concatenate(parts)
-            try:
+        with together(comm, "geometry"):
+            if parts is not None:
+                whole = np.concatenate(parts)
                 found = self._on_curve(name, whole) if len(whole) else whole
                 answers = np.split(found, np.cumsum([len(part) for part in parts])[:-1])
-            except Exception as error:  # the function is the user's, and the other ranks wait
-                message = f"{name!r}: {error}"
-        message = comm.bcast(message)
-        if message:
-            raise InputError(message, "geometry")
         return np.asarray(comm.scatter(answers))
 
     def _on_curve(self, name: str, points: Array) -> Array:
-        found = np.asarray(self.projections[name](points.T.copy()), dtype=np.float64)
-        if found.shape != points.T.shape:
-            raise ValueError(f"returns the shape {found.shape} for points of {points.T.shape}")
-        if not np.isfinite(found).all():
-            raise ValueError("returns coordinates that are not finite")
+        try:
+            found = np.asarray(self.projections[name](points.T.copy()), dtype=np.float64)
+            if found.shape != points.T.shape:
+                raise ValueError(f"returns the shape {found.shape} for points of {points.T.shape}")
+            if not np.isfinite(found).all():
+                raise ValueError("returns coordinates that are not finite")
+        except Exception as error:
+            raise InputError(f"{name!r}: {error}", "geometry") from error
         return found.T
 
 
