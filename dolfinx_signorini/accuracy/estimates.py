@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 
@@ -30,7 +29,7 @@ from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.rates import Rates
 from dolfinx_signorini.accuracy.targets import Target, size
 from dolfinx_signorini.accuracy.terms import Dual, Solved, Term
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.base.tolerances import PRECISION
 from dolfinx_signorini.data.coefficients import Coefficients
@@ -146,24 +145,18 @@ class Estimator:
         """Why the norm of solutions is infinite in general, in words; "" where it is finite."""
         return self._told_infinite(self.exponent)
 
-    @property
-    def infinite(self) -> str:
-        """The doubt, if a corner does not look smooth, or the same of a logarithm; collective."""
-        doubt = self.doubt if anywhere(self._comm, self.rates.singular_corners) else ""
-        return doubt or self._with_logarithm()
+    def infinite_at(self, corners: Mask) -> str:
+        """Return why the norm of the solution is infinite, in words; "" for no reason; collective.
 
-    @property
-    def diverges(self) -> str:
-        """The doubt, if divisions of a corner are seen to gain nothing; collective."""
-        doubt = self.doubt if anywhere(self._comm, self.rates.standing_corners) else ""
-        return doubt or self._with_logarithm()
+        A logarithm is a reason if corners have the error and keep it. Data are those of a
+        polynomial, without a logarithm, more often than by chance; and while other cells have
+        errors as large, a corner may stand because a layer is not yet resolved.
 
-    def _with_logarithm(self) -> str:
-        """That a logarithm makes the norm infinite, if corners have the error and keep it.
-
-        Data are those of a polynomial, without a logarithm, more often than by chance; and while
-        other cells have errors as large, a corner may stand because a layer is not yet resolved.
+        Args:
+            corners: Whether each owned cell is at a corner that makes a doubt a reason.
         """
+        if self.doubt and anywhere(self._comm, corners):
+            return self.doubt
         left = self.prediction.remaining
         worst = left >= NOTABLE * highest(self._comm, left)
         others = anywhere(self._comm, worst & ~self.rates.standing_corners)
@@ -199,10 +192,12 @@ class Estimator:
 
     def _add(self, parts: Array) -> None:
         """Add what terms have on each cell to the estimate, and to the prediction."""
-        power = self.rates.power
-        remaining = joined(self.prediction.remaining, parts, power)
+        self._raise_to(joined(self.prediction.remaining, parts, self.rates.power))
+
+    def _raise_to(self, remaining: Array) -> None:
+        """Let the cells leave in the error what is known of each, and the estimate no less."""
         self.prediction = replace(self.prediction, remaining=remaining)
-        self.estimate = max(self.estimate, total(remaining, power, self._comm))
+        self.estimate = max(self.estimate, total(remaining, self.rates.power, self._comm))
 
     def _left_over(self, found: Indicators) -> float:
         """What the difference leaves in the error of the solution on the divided mesh.
@@ -225,7 +220,7 @@ class Estimator:
         cells = self.found.cells
         return np.asarray(self.prediction.remaining / np.where(cells > 0.0, cells, 1.0))
 
-    def _with_least(self, value: float, ends: npt.NDArray[np.bool_]) -> float:
+    def _with_least(self, value: float, ends: Mask) -> float:
         """Raise an estimate, and the prediction, to what cells leave at least in a sup norm.
 
         Where the solution is smooth, its derivatives tell. At a singular point two solutions may be
@@ -248,9 +243,7 @@ class Estimator:
             return
         self.local = self.rates.local_prediction(SAFETY * self.found.inside, norm.p)
         parts = shared_out(self.local.remaining, norm.p, self._comm)
-        remaining = np.maximum(self.prediction.remaining, parts)
-        self.prediction = replace(self.prediction, remaining=remaining)
-        self.estimate = max(self.estimate, total(remaining, self.rates.power, self._comm))
+        self._raise_to(np.maximum(self.prediction.remaining, parts))
 
 
 def data_errors(read: Reader) -> Term:

@@ -308,7 +308,8 @@ class Loop:
             divided = marks.apply(self.sided, self.curves.fit)
         else:
             reached = accuracy is not None and estimate <= accuracy
-            infinite = self.estimator.infinite if reached else self.estimator.diverges
+            corners = rates.singular_corners if reached else rates.standing_corners
+            infinite = self.estimator.infinite_at(corners)
             if infinite and estimate > DEFAULT_RTOL * self.whole:
                 self.stopped = infinite
                 return None
