@@ -84,7 +84,8 @@ class Loop:
         last: The result of the problem that was solved last.
         whole: The size of the last solution in the norm that is asked for.
         rounded: Whether the residual that the last estimate asks for is below rounding.
-        early: Whether solves may stop where the discretisation error hides the rest.
+        early: Whether solves may stop where the discretisation error hides the rest; never where a
+            residual is asked for.
         stopped: Why the loop ended.
         keywords: The keywords of the next solves.
     """
@@ -114,8 +115,8 @@ class Loop:
         self.curves = curves
         self.steps: list[Step] = []
         self.notes: list[str] = []
-        self.rounded, self.early, self.stopped = False, True, ""
-        self.keywords: dict[str, Any] = {} if request.rtol is None else {"rtol": request.rtol}
+        self.rounded, self.early, self.stopped = False, request.rtol is None, ""
+        self.keywords: dict[str, Any] = {} if self.early else {"rtol": request.rtol}
 
     def run(self) -> None:
         """Solve, solve on the divided mesh, estimate, mark and refine until the loop ends.
@@ -263,9 +264,9 @@ class Loop:
             # The stop of a solve by default looks at values, and neither at derivatives nor at a
             # functional in which the errors of the elements cancel.
             self.early &= share == 1.0 and self.estimator.found.algebra <= SHARE * estimate
-            free = self.early and rtol >= DEFAULT_RTOL and self.request.rtol is None
+            free = self.early and rtol >= DEFAULT_RTOL
             # Half of the share: no estimate of a norm has what a solve leaves.
-            most = DEFAULT_RTOL if self.request.rtol is None else self.request.rtol
+            most = self.request.rtol or DEFAULT_RTOL
             rtol = min(max(0.5 * rtol, tolerances.ROUNDING), most)
             self.keywords = {} if free else {"rtol": rtol}
         seconds = self.comm.bcast(time.perf_counter() - self.began)
