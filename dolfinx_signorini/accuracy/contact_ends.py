@@ -125,8 +125,8 @@ def unknown_ends(solved: Solved, dual: Dual | None) -> Array:
     assert norm is not None  # a functional has a dual solution
     domain = zone.space.mesh
     dim, sizes = domain.topology.dim, volumes(domain)[cells[ends]]
-    inside = 0.0 if math.isinf(norm.p) else 1.0 / norm.p
-    parts[cells[ends]] = 4.0**norm.derivatives * off * sizes ** (inside - norm.derivatives / dim)
+    fall = 1.0 / norm.p - norm.derivatives / dim
+    parts[cells[ends]] = 4.0**norm.derivatives * off * sizes**fall
     return solved.in_norm(solved.unit * parts)
 
 

@@ -33,7 +33,7 @@ from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.polynomials import polynomials
 from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
-from dolfinx_signorini.norms.power_sums import collected, total
+from dolfinx_signorini.norms.power_sums import collected, p_norm, total
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
 SPREAD = 1.7  # times what cut cells add: the cells around have part in the error, as measured
@@ -69,11 +69,9 @@ def cut_errors(solved: Solved, data: Coefficients) -> Array:
                 steps, 0.5 * cuts.integrals(np.abs(slopes)) / cuts.volumes * cuts.widths()
             )
     else:
-        sizes = np.abs(slopes[..., None] * cuts.normals)
-        if math.isinf(norm.p):
-            found = cuts.largest(sizes.max(axis=2))
-        else:
-            found = cuts.integrals((sizes**norm.p).sum(axis=2)) ** (1.0 / norm.p)
+        sizes = p_norm(slopes[..., None] * cuts.normals, norm.p)
+        pieces = p_norm(sizes.T, norm.p, cuts.weights.T)
+        found = collected(pieces, cuts.owners, len(cuts.cells), norm.p)
     errors[cuts.cells] = found
     parts = SPREAD * collected(errors, solved.parents, solved.count, target.power)
     return np.array([parts, parts])

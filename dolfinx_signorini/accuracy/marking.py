@@ -164,7 +164,7 @@ def mark_worst(sided: SidedMesh, cells: Array, order: float, power: float) -> Ma
     count, dimension = len(cells), sided.mesh.topology.dim
     largest = highest(sided.mesh.comm, cells)
     shares = np.maximum(cells / largest, TINY) if largest > 0.0 else np.ones(count)
-    fall = order + (0.0 if math.isinf(power) else dimension / power)
+    fall = order + dimension / power
     levels = _rounded_up(1.0 + np.log2(shares / NOTABLE) / fall, 1.0 / dimension)
     return Marks(np.clip(levels, 0.0, 1.0), np.zeros(count, bool), np.zeros((count, 3)))
 

@@ -9,8 +9,6 @@ facet. The quarter is measured, for a curve need not be smooth.
 Source: Strang and Fix, An Analysis of the Finite Element Method, Prentice-Hall (1973), Section 4.4.
 """
 
-import math
-
 import numpy as np
 from dolfinx import fem
 
@@ -100,7 +98,7 @@ class MovedSides:
         norm = self._target.norm
         if norm is None:
             return 2.0
-        inside = 0.0 if norm.boundary or math.isinf(norm.p) else 1.0 / norm.p
+        inside = 0.0 if norm.boundary else 1.0 / norm.p
         return 2.0 - norm.derivatives * (1.0 - inside)
 
     def _functional(self, u: fem.Function) -> float:

@@ -17,8 +17,6 @@ Source: Sneddon, The distribution of stress in the neighbourhood of a crack in a
 Proc. R. Soc. Lond. A 187 (1946) 229-260.
 """
 
-import math
-
 import basix
 import numpy as np
 import ufl
@@ -82,9 +80,7 @@ def negative_pressure(solved: Solved, dual: Dual | None) -> Array:
         return solved.on_parents(np.array([on_cells, on_cells]))
     # Of order 1/2 between values and derivatives.
     parts = opened ** (1.0 - norm.derivatives) * largest**norm.derivatives
-    if not math.isinf(norm.p):
-        parts *= width ** ((dim - norm.boundary) / norm.p)
-    parts *= solved.unit * _compliance(solved)
+    parts *= width ** ((dim - norm.boundary) / norm.p) * solved.unit * _compliance(solved)
     return solved.in_norm(collected(parts, pairs[held, 0], len(solved.parents), norm.p))
 
 
