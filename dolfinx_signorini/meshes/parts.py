@@ -79,9 +79,12 @@ class Parts:
 
         Args:
             chosen: The numbers of the parts.
+
+        Returns:
+            The groups, none of them empty.
         """
-        if not self.few_maps:
-            return [chosen]
+        if not self.few_maps or not len(chosen):
+            return [chosen] if len(chosen) else []
         order = np.argsort(self.maps[chosen], kind="stable")
         ends = np.flatnonzero(np.diff(self.maps[chosen][order])) + 1
         return np.split(chosen[order], ends)

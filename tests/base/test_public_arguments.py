@@ -124,7 +124,6 @@ TABLE = {
         lambda t: {
             "problem": (None, t.problem.u, t.unsolved),
             "terms": (
-                None,
                 {"load": 1.0},
                 signorini.EnergyTerms(load=t.other_x[0]),
                 signorini.EnergyTerms(load=t.x),
@@ -277,7 +276,7 @@ TABLE = {
         lambda t: {
             "problem": (None, t.problem.u, t.unsolved, t.in_space),
             "point": (None, 0.5, (0.5,), (NAN, 0.0), (0.5, 0.0, 0.0), (9.0, 9.0)),
-            "terms": (None, {}, signorini.EnergyTerms(load=t.other_x[0])),
+            "terms": ({}, signorini.EnergyTerms(load=t.other_x[0])),
             "radius": ("1", 0.0, -1.0, NAN, 50.0),
         },
     ),
