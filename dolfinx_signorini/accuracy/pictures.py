@@ -6,6 +6,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from dolfinx_signorini.accuracy.adaptive import AdaptiveSolution
+from dolfinx_signorini.base.ranks import gathered
 from dolfinx_signorini.meshes.sided_meshes import cell_corners
 from dolfinx_signorini.pictures.palette import COLOUR_MAP, COLOURS
 from dolfinx_signorini.pictures.picture import Picture, add_triangles, typeset_norm
@@ -25,7 +26,7 @@ def draw_adaptive(found: AdaptiveSolution) -> Picture | None:
         way from two steps on; None where nothing is drawn.
     """
     domain = found.sided.mesh
-    parts = domain.comm.gather((cell_corners(domain)[:, :, :2], found.cells))
+    parts = gathered(domain.comm, cell_corners(domain)[:, :, :2], found.cells)
     if parts is None:
         return None
     plane, several = domain.topology.dim == 2, len(found.steps) > 1
@@ -34,8 +35,7 @@ def draw_adaptive(found: AdaptiveSolution) -> Picture | None:
     figure = Picture(figsize=(5.0 * plane + 5.5 * several, 4.5))
     axes = figure.subplots(1, plane + several, squeeze=False)
     if plane:
-        polygons, cells = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-        _draw_mesh(figure, axes[0, 0], polygons, cells)
+        _draw_mesh(figure, axes[0, 0], *parts)
     if several:
         _draw_steps(axes[0, -1], found)
     return figure

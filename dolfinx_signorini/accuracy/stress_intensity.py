@@ -41,9 +41,8 @@ from dolfinx_signorini.meshes.sided_meshes import (
     boundary_facets,
     cell_corners,
     cells_near_ball,
-    facet_cells,
-    facet_nodes,
 )
+from dolfinx_signorini.norms.boundary_edges import BoundaryEdges
 from dolfinx_signorini.problem.detachment import DetachmentPoint
 from dolfinx_signorini.problem.signorini import SignoriniProblem, one_sided
 
@@ -151,18 +150,13 @@ def stress_intensity(
 
 def _boundary(problem: SignoriniProblem) -> _Boundary:
     """Gather the boundary edges on all ranks."""
-    space = problem.space
-    domain, gap = space.mesh, problem.gap
-    facets = boundary_facets(domain)
-    pairs = facet_cells(domain, facets)
-    dofs = facet_dofs(space, pairs)[:, :2]
-    cells = cell_corners(domain, pairs[:, 0])
-    ends = domain.geometry.x[facet_nodes(domain, facets)][:, :, :2]
-    gaps = gap.x.array[dofs]
-    obstacle = problem.u.x.array[dofs] - problem.sign * gaps
-    parts = ends, gaps, obstacle, cells.mean(axis=1), np.isin(facets, problem.contact)
-    gathered = problem.comm.allgather(parts)
-    return _Boundary(*(np.concatenate([part[i] for part in gathered]) for i in range(len(parts))))
+    edges = BoundaryEdges(problem.space.mesh)
+    dofs = facet_dofs(problem.space, edges.facets)[:, :2]
+    gap = problem.gap.x.array[dofs]
+    obstacle = problem.u.x.array[dofs] - problem.sign * gap
+    inside = cell_corners(edges.domain, edges.facets[:, 0]).mean(axis=1)
+    contact = np.isin(boundary_facets(edges.domain), problem.contact)
+    return _Boundary(edges.x, *map(edges.gathered, (gap, obstacle, inside, contact)))
 
 
 def _frame(problem: SignoriniProblem, boundary: _Boundary, p: Array) -> tuple[Array, Array, float]:

@@ -74,6 +74,12 @@ def parallel_norm(comm: MPI.Comm, values: Array) -> float:
     return scale * float(np.sqrt(comm.allreduce(float(scaled @ scaled))))
 
 
+def gathered(comm: MPI.Comm, *arrays: npt.NDArray[Any]) -> list[npt.NDArray[Any]] | None:
+    """Return arrays on rank 0, the rows of one rank after the other; None elsewhere; collective."""
+    parts = comm.gather(arrays)
+    return parts and [np.concatenate(part) for part in zip(*parts, strict=True)]
+
+
 def anywhere(comm: MPI.Comm, marks: bool | np.bool_ | Mask) -> bool:
     """Return whether something holds on some rank: a truth, or one of many marks; collective."""
     return bool(comm.allreduce(bool(np.any(marks)), op=MPI.LOR))

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.base.kinds import FUNCTION, check, real
-from dolfinx_signorini.base.ranks import at_nodes
+from dolfinx_signorini.base.ranks import at_nodes, gathered
 from dolfinx_signorini.base.records import on_first, whole_file
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import control_points
@@ -58,8 +58,8 @@ def write_checkpoint(
     for name, function in functions.items():
         space = function.function_space
         owned = space.dofmap.index_map.size_local
-        parts = comm.gather((control_points(space)[:owned], at_nodes(function)[:owned]), root=0)
-        points, values = (np.concatenate(p) for p in zip(*parts, strict=True)) if parts else (0, 0)
+        own = control_points(space)[:owned], at_nodes(function)[:owned]
+        points, values = gathered(comm, *own) or own
         data |= {f"points {name}": points, f"values {name}": values}
         data[f"basis {name}"] = _basis(space)
 

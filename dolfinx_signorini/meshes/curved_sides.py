@@ -17,7 +17,7 @@ from dolfinx import la
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
 from dolfinx_signorini.base.errors import InputError, together
 from dolfinx_signorini.base.kinds import callable_, check, gmsh_model, integer, optional
-from dolfinx_signorini.base.ranks import anywhere, highest, summed
+from dolfinx_signorini.base.ranks import anywhere, gathered, highest, summed
 from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING, SOLVED
 from dolfinx_signorini.meshes.jacobians import determinants
 from dolfinx_signorini.meshes.parents import parent_mesh
@@ -283,11 +283,10 @@ def _arcs_of(sided: SidedMesh, known: frozenset[str]) -> dict[str, float]:
     domain.topology.create_connectivity(dim - 1, dim)
     nodes = entity_nodes(domain, dim - 1, facets.astype(np.int32))
     ids = domain.geometry.index_map().local_to_global(nodes.ravel()).reshape(nodes.shape)
-    parts = comm.gather((ids, domain.geometry.x[nodes], numbers))
+    parts = gathered(comm, ids, domain.geometry.x[nodes], numbers)
     found: dict[str, float] = {}
     if parts is not None:
-        away = _bulges(*(np.concatenate(part) for part in zip(*parts, strict=True)))
-        for number, distance in away.items():
+        for number, distance in _bulges(*parts).items():
             name = names[number][0]  # the first one of a side with several names
             if not known & {*names[number]}:
                 found[name] = max(distance, found.get(name, 0.0))

@@ -30,6 +30,7 @@ from dolfinx_signorini.base.kinds import (
     indices,
     integer,
 )
+from dolfinx_signorini.base.ranks import gathered
 from dolfinx_signorini.meshes.jacobians import determinants
 
 
@@ -173,10 +174,7 @@ def gathered_cells(domain: mesh.Mesh) -> tuple[Indices, Array]:
     cells = geometry.dofmap[owned_cells(domain)]
     numbers = index_map.local_to_global(cells.ravel()).reshape(cells.shape)
     x = np.asarray(geometry.x[: index_map.size_local, : geometry.dim], dtype=np.float64)
-    parts = domain.comm.gather((numbers, x))
-    if parts is None:
-        return numbers[:0], x[:0]
-    every, points = (np.concatenate(part) for part in zip(*parts, strict=True))
+    every, points = gathered(domain.comm, numbers, x) or (numbers[:0], x[:0])
     return every, points
 
 

@@ -4,6 +4,8 @@ The curves have O(N) edges where the mesh has O(N^2) cells: every rank holds all
 algorithms on the curves are plain NumPy.
 """
 
+import functools
+
 import numpy as np
 import numpy.typing as npt
 from dolfinx import mesh
@@ -30,19 +32,19 @@ class BoundaryEdges:
         domain: The mesh.
         facets: The boundary facets of this rank as (cell, local facet) pairs.
         x: Coordinates of the two ends of every edge, shape (edges, 2, 2).
-        curves: The closed curves, see `closed_curves`.
-
-    Raises:
-        InputError: The boundary is not made of closed curves.
     """
 
     def __init__(self, domain: mesh.Mesh):
         self.domain = domain
         facets = boundary_facets(domain)
-        self.facets, ends = facet_cells(domain, facets), facet_nodes(domain, facets)
-        vertices = domain.geometry.index_map().local_to_global(ends.ravel()).reshape(ends.shape)
-        self.x = self.gathered(domain.geometry.x[ends][:, :, :2])
-        self.curves = closed_curves(self.gathered(vertices))
+        self.facets, self._ends = facet_cells(domain, facets), facet_nodes(domain, facets)
+        self.x = self.gathered(domain.geometry.x[self._ends][:, :, :2])
+
+    @functools.cached_property
+    def curves(self) -> list[Indices]:
+        """The closed curves, see `closed_curves`; the first call is collective."""
+        number, ends = self.domain.geometry.index_map().local_to_global, self._ends
+        return closed_curves(self.gathered(number(ends.ravel()).reshape(ends.shape)))
 
     @property
     def lengths(self) -> Array:
