@@ -312,18 +312,15 @@ def _exponent(around: _Around, logarithms: bool) -> float:
 
 def _exponent_inside(around: _Around) -> float:
     order = np.argsort(around.starts)
+    jumps = [not _equal(*around.tensors[order[[k - 1, k]]]) for k in range(len(order))]
+    order = np.roll(order, -int(np.argmax(jumps)))  # begin at a jump
     widths, tensors = _merged(around.widths[order], around.tensors[order])
-    if len(widths) > 1 and _equal(tensors[0], tensors[-1]):  # begin at a jump
-        widths, tensors = np.roll(widths, 1), np.roll(tensors, 1, axis=0)
-        first = around.starts[order][0] - widths[0]
-        widths, tensors = _merged(widths, tensors)
-    else:
-        first = around.starts[order][0]
     if len(widths) < 2 or abs(widths.sum() - math.tau) > SIX_DIGITS:
         return SMOOTH
     if len(widths) == 2 and abs(widths[0] - math.pi) < STRAIGHT:  # a smooth interface
         widths = np.full(2, math.pi)
-    return sector_exponent(first + np.cumsum([0.0, *widths]), tensors, None)
+    directions = around.starts[order[0]] + np.cumsum([0.0, *widths])
+    return sector_exponent(directions, tensors, None)
 
 
 def _exponent_between(around: _Around, first: int, logarithms: bool) -> float:
