@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
@@ -270,9 +269,7 @@ def _distances_in_cells(problem: BoundConstrainedProblem) -> Iterator[fem.Functi
             yield _off_in_cells(zone, obstacle, touching)
 
 
-def _off_in_cells(
-    problem: Contact, obstacle: Obstacle, touching: npt.NDArray[np.bool_]
-) -> fem.Function:
+def _off_in_cells(problem: Contact, obstacle: Obstacle, touching: Mask) -> fem.Function:
     """The distance to an obstacle in cells in contact, and what lies beyond it in all cells.
 
     The obstacle is interpolated by elements of a higher degree, at least of degree 4: at one of

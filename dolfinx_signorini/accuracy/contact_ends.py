@@ -13,13 +13,12 @@ obstacle problem revisited, J. Fourier Anal. Appl. 4 (1998) 383-402, for obstacl
 import math
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
 from dolfinx_signorini.accuracy.cells import volumes
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.accuracy.terms import Dual, Solved
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.ranks import marked, summed
 from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.reading import formula_of
@@ -46,9 +45,7 @@ def rate_at_ends(target: Target, in_domain: bool = False) -> float:
     return target.singular_order(DETACHMENT_EXPONENT, DETACHMENT_EXPONENT - 1.0)
 
 
-def cells_at_contact_ends(
-    zone: Contact, parents: LocalIndices, count: int
-) -> npt.NDArray[np.bool_]:
+def cells_at_contact_ends(zone: Contact, parents: LocalIndices, count: int) -> Mask:
     """Tell which cells have an end of the contact set; the call is collective.
 
     Args:
@@ -70,9 +67,7 @@ def cells_at_contact_ends(
     return result
 
 
-def cells_at_kinks(
-    problem: BoundConstrainedProblem, parents: LocalIndices, count: int
-) -> npt.NDArray[np.bool_]:
+def cells_at_kinks(problem: BoundConstrainedProblem, parents: LocalIndices, count: int) -> Mask:
     """Tell which cells lie on a kink of an obstacle in the domain; see `cells_at_contact_ends`.
 
     Where the kink is in a cell differs from mesh to mesh, and with it the error of the cell.
@@ -130,9 +125,7 @@ def unknown_ends(solved: Solved, dual: Dual | None) -> Array:
     return solved.in_norm(solved.unit * parts)
 
 
-def _stayed(
-    solved: Solved, cells: LocalIndices, touching: npt.NDArray[np.bool_]
-) -> tuple[npt.NDArray[np.bool_], float]:
+def _stayed(solved: Solved, cells: LocalIndices, touching: Mask) -> tuple[Mask, float]:
     """Where no end of contact in the domain has moved with the division, and on which share.
 
     Ends that lie anywhere in cells move in half of the cells when all cells are divided. The call
@@ -159,7 +152,7 @@ def _stayed(
 
 def contact_on_entities(
     zone: Contact, side: int | None = None
-) -> tuple[LocalIndices, LocalIndices, npt.NDArray[np.bool_]]:
+) -> tuple[LocalIndices, LocalIndices, Mask]:
     """Return the owned facets or cells that have an obstacle, and which of their dofs touch one.
 
     Args:

@@ -12,11 +12,10 @@ from functools import partial
 
 import basix
 import numpy as np
-import numpy.typing as npt
 from dolfinx import mesh
 
 from dolfinx_signorini.accuracy.marking import NOTABLE
-from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, SOLVED
@@ -165,7 +164,7 @@ class _Interpolation:
         if self.samples.hidden > HEIGHT:
             self.doubt = f"{self.name} may have features so narrow that they are overlooked"
 
-    def marks(self, domain: mesh.Mesh) -> npt.NDArray[np.bool_]:
+    def marks(self, domain: mesh.Mesh) -> Mask:
         """Return whether each owned cell is too large for the datum; the call is collective."""
         samples, count = self.samples, len(owned_cells(domain))
         if samples.norm == 0.0:

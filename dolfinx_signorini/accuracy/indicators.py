@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
@@ -40,7 +39,7 @@ from dolfinx_signorini.accuracy.terms import (
     product,
     quadrature,
 )
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.meshes.elements import (
     coefficients_of,
@@ -96,7 +95,7 @@ class Indicators:
     unseen: Array
     algebra: float
     inside: Array
-    resolved: npt.NDArray[np.bool_]
+    resolved: Mask
 
 
 def indicators(solved: Solved, unseen: Sequence[Term] = UNSEEN) -> Indicators:
@@ -152,7 +151,7 @@ def _together(terms: Sequence[Term], solved: Solved, dual: Dual | None) -> Array
     return parts
 
 
-def _resolved(solved: Solved, f: fem.Function, detail: fem.Function) -> npt.NDArray[np.bool_]:
+def _resolved(solved: Solved, f: fem.Function, detail: fem.Function) -> Mask:
     """Tell in which cells the highest derivatives of a function hardly change.
 
     At the distance m h from a singular point, h the size of the cell, the derivatives of the degree

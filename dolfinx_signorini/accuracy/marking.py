@@ -10,12 +10,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import summed_at_vertices, volumes
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.lookups import Lookup
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import (
@@ -59,8 +58,8 @@ class Prediction:
 
     remaining: Array
     factors: Array
-    singular: npt.NDArray[np.bool_]
-    confirmed: npt.NDArray[np.bool_]
+    singular: Mask
+    confirmed: Mask
     power: float
     exponent: float
 
@@ -80,7 +79,7 @@ class Marks:
     """
 
     levels: Array
-    singular: npt.NDArray[np.bool_]
+    singular: Mask
     points: Array
     growth: float = 1.0
 
@@ -115,7 +114,7 @@ class Marks:
             sided, owners = step.sided, owners.through(step.parents)
 
 
-def _at_points(sided: SidedMesh, points: Array) -> npt.NDArray[np.bool_]:
+def _at_points(sided: SidedMesh, points: Array) -> Mask:
     """Whether each owned cell has a vertex at its point."""
     domain = sided.mesh
     x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
@@ -141,14 +140,14 @@ class Divided:
     sided: SidedMesh
     owners: Lookup
     levels: Array
-    away: npt.NDArray[np.bool_]
+    away: Mask
 
     def collected(self, values: Array, power: float) -> Array:
         """Put values of cells together for each cell before the divisions, see `collected`."""
         return collected(self.owners.sent(values), self.owners.items, self.owners.count, power)
 
 
-def _numbers(chosen: npt.NDArray[np.bool_]) -> LocalIndices:
+def _numbers(chosen: Mask) -> LocalIndices:
     return np.flatnonzero(chosen).astype(np.int32)
 
 
@@ -299,9 +298,7 @@ class _Choice:
         return float(1.0 + count / old)
 
 
-def _points(
-    domain: mesh.Mesh, parts: Array, singular: npt.NDArray[np.bool_]
-) -> tuple[Array, npt.NDArray[np.bool_]]:
+def _points(domain: mesh.Mesh, parts: Array, singular: Mask) -> tuple[Array, Mask]:
     """Find the singular points of a mesh; the call is collective.
 
     Args:

@@ -25,13 +25,12 @@ solution that jumps, which adds no rate of its own.
 """
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import mesh
 
 from dolfinx_signorini.accuracy.cells import summed_at_vertices
 from dolfinx_signorini.accuracy.marking import NOTABLE, Divided, Marks, Prediction
 from dolfinx_signorini.accuracy.targets import Target
-from dolfinx_signorini.base.arrays import Array, Mask
+from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
@@ -77,7 +76,7 @@ class Rates:
         self._confirmed: Mask = np.zeros(count, dtype=bool)
         self._measured: Mask = np.zeros(count, dtype=bool)
         # The number of the last divisions that gained nothing.
-        self._stood: npt.NDArray[np.int64] = np.zeros(count, dtype=np.int64)
+        self._stood: Indices = np.zeros(count, dtype=np.int64)
 
     def know(self, cells: Mask, most: float, least: float = SLOWEST) -> None:
         """Take the rates of some cells to lie between those of theory.

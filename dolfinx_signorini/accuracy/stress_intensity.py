@@ -22,14 +22,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from scipy.integrate import quad
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base import compiled
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check, coordinates, optional, positive
 from dolfinx_signorini.base.ranks import highest
@@ -92,7 +91,7 @@ class _Boundary:
     gap: Array
     obstacle: Array
     inside: Array
-    contact: npt.NDArray[np.bool_]
+    contact: Mask
 
 
 def stress_intensity(
@@ -244,7 +243,7 @@ def _factor(
 
 def _cells(
     problem: SignoriniProblem, p: Array, outer: float, inner: float
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+) -> tuple[LocalIndices, LocalIndices]:
     """The owned cells in the ball, and those of them next to the point."""
     domain, centre = problem.space.mesh, (float(p[0]), float(p[1]))
     closest = cells_near_ball(domain, centre, ROUNDING * outer)
@@ -255,7 +254,7 @@ def _cells(
     return cells.astype(np.int32), near
 
 
-def _mean(problem: SignoriniProblem, source: Expr, cells: npt.NDArray[np.int32]) -> fem.Constant:
+def _mean(problem: SignoriniProblem, source: Expr, cells: LocalIndices) -> fem.Constant:
     """The mean of the source over cells of all ranks."""
     domain = problem.space.mesh
     dx = ufl.Measure("dx", domain, subdomain_data=[(1, cells)], metadata=CELL_RULE.metadata)
