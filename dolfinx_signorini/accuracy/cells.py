@@ -10,7 +10,7 @@ from mpi4py import MPI
 from dolfinx_signorini.base.arrays import Array, LocalIndices, blocks
 from dolfinx_signorini.base.ranks import highest, summed
 from dolfinx_signorini.meshes.elements import component_arrays
-from dolfinx_signorini.meshes.jacobians import determinants
+from dolfinx_signorini.meshes.jacobians import spanned
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.polynomials import equispaced
 from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
@@ -104,7 +104,7 @@ def shared_out(parts: Array, p: float, comm: MPI.Comm) -> Array:
 
 def volumes(domain: mesh.Mesh) -> Array:
     """Return the volumes of the owned cells, each as a multiple of that of the reference cell."""
-    return np.abs(determinants(cell_edges(domain, owned_cells(domain))))
+    return spanned(cell_edges(domain, owned_cells(domain)))
 
 
 def summed_at_vertices(domain: mesh.Mesh, values: Array, cells: LocalIndices) -> Array:

@@ -29,6 +29,7 @@ from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.interfaces.interface import interfaces
 from dolfinx_signorini.data.interfaces.jumps import cut_cells
 from dolfinx_signorini.data.interfaces.pieces import inside
+from dolfinx_signorini.meshes.jacobians import spanned
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.polynomials import polynomials
 from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
@@ -99,7 +100,7 @@ class _Cuts:
         places = inside(pieces, points)
         self.reference, self.x = places[..., :dim], places[..., dim:]
         edges = (pieces[:, 1:] - pieces[:, :1])[..., dim:]
-        self.weights = np.abs(np.linalg.det(edges)) * weights[:, None]
+        self.weights = spanned(edges) * weights[:, None]
         self.edges = cell_edges(self.domain, self.cells)
         self.normals = self._normals()
         A = data.diffusion_at(self.x)

@@ -1,6 +1,6 @@
-"""Determinants and inverses of many matrices of two or three rows, faster than LAPACK has them.
+"""Determinants and inverses of many matrices, of two or three rows faster than LAPACK has them.
 
-The entries are numbers, or objects with the operators of numbers.
+The entries are numbers, or for inverses of square matrices objects with the operators of numbers.
 """
 
 import itertools
@@ -8,6 +8,8 @@ import itertools
 import numpy as np
 
 from dolfinx_signorini.base.arrays import Array
+
+SQUARE = (2, 2), (3, 3)
 
 
 def determinants(matrices: Array) -> Array:
@@ -18,8 +20,18 @@ def determinants(matrices: Array) -> Array:
     return np.asarray(sum(matrices[..., 0, i] * _cofactor(matrices, 0, i) for i in range(3)))
 
 
+def spanned(columns: Array) -> Array:
+    """Return the volumes that the columns of matrices span, shape (..., rows, columns)."""
+    if columns.shape[-2:] in SQUARE:
+        return np.abs(determinants(columns))
+    squares = np.linalg.det(np.swapaxes(columns, -1, -2) @ columns)
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
+
+
 def inverses(matrices: Array) -> Array:
-    """Return the inverses of 2 x 2 or 3 x 3 matrices, shape (..., rows, columns)."""
+    """Return the inverses of 2 x 2 or 3 x 3 matrices, and the pseudo-inverses of others."""
+    if matrices.shape[-2:] not in SQUARE:
+        return np.asarray(np.linalg.pinv(matrices))
     if matrices.shape[-1] == 2:
         (a, b), (c, d) = np.moveaxis(matrices, (-2, -1), (0, 1))
         adjugates = np.moveaxis(np.array([[d, -b], [-c, a]]), (0, 1), (-2, -1))

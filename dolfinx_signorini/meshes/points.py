@@ -19,7 +19,7 @@ from dolfinx import fem, mesh
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.tolerances import SOLVED, UNIT
-from dolfinx_signorini.meshes.jacobians import determinants, inverses
+from dolfinx_signorini.meshes.jacobians import inverses, spanned
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, facet_vertices
 
 
@@ -112,7 +112,7 @@ class Points:
             raise InputError("must not depend on a normal in cells", "u")
         cell = basix.CellType[self.domain.topology.cell_name()]
         outward = np.asarray(basix.cell.facet_outward_normals(cell))[self.places[:, 1]]
-        vectors = np.einsum("nt,nqti->inq", outward, _inverse(self.jacobian))
+        vectors = np.einsum("nt,nqti->inq", outward, inverses(self.jacobian))
         shape = len(self.places), self._reference.shape[-2]
         units = vectors / np.linalg.norm(vectors, axis=0)
         return [np.broadcast_to(component, shape) for component in units]
@@ -120,7 +120,7 @@ class Points:
     @property
     def scale(self) -> Array:
         """The ratio of sizes, of the cell or facet and the reference one: (n, m) or (n, 1)."""
-        return _size(self.tangents)
+        return spanned(self.tangents)
 
     def values(self, function: fem.Function) -> list[Array]:
         """Return the values of each component of a Lagrange function, each of shape (n, m)."""
@@ -145,7 +145,7 @@ class Points:
         else:
             at, repeats = self._reference, 1
         tables = _tabulated(element, 1, at)[1:]
-        inverse, result = _inverse(self.jacobian), []
+        inverse, result = inverses(self.jacobian), []
         for nodal in self._nodal(function):
             slopes = [_at_points(table, nodal) for table in tables]
             gradient = [slopes[0] * inverse[:, :, 0, i] for i in range(inverse.shape[3])]
@@ -233,17 +233,3 @@ def _at_points(table: Array, nodal: Array) -> Array:
     if table.ndim == 2:
         return np.asarray(nodal @ table.T)
     return np.asarray((table @ nodal[:, :, None])[:, :, 0])
-
-
-def _inverse(matrices: Array) -> Array:
-    """The inverse of each matrix, or the pseudo-inverse of matrices that are not square."""
-    if matrices.shape[-2:] in ((2, 2), (3, 3)):
-        return inverses(matrices)
-    return np.asarray(np.linalg.pinv(matrices))
-
-
-def _size(columns: Array) -> Array:
-    """The volume that the columns of each matrix span."""
-    if columns.shape[-2:] in ((2, 2), (3, 3)):
-        return np.abs(determinants(columns))
-    return np.asarray(np.sqrt(np.linalg.det(np.swapaxes(columns, -1, -2) @ columns)))

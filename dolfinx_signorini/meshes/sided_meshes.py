@@ -31,7 +31,7 @@ from dolfinx_signorini.base.kinds import (
     integer,
 )
 from dolfinx_signorini.base.ranks import gathered
-from dolfinx_signorini.meshes.jacobians import determinants
+from dolfinx_signorini.meshes.jacobians import determinants, spanned
 
 
 @dataclass(frozen=True)
@@ -346,10 +346,8 @@ def simplex_sizes(corners: npt.NDArray[np.floating]) -> Array:
     Args:
         corners: The vertices, shape (simplices, vertices, coordinates).
     """
-    edges = corners[:, 1:] - corners[:, :1]
-    gram = np.einsum("fik,fjk->fij", edges, edges)
-    sizes = np.sqrt(np.maximum(np.linalg.det(gram), 0.0)) / math.factorial(edges.shape[1])
-    return np.asarray(sizes, dtype=np.float64)
+    edges = (corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
+    return np.asarray(spanned(edges) / math.factorial(edges.shape[2]), dtype=np.float64)
 
 
 def cells_with_dofs(space: fem.FunctionSpace, marked: Mask) -> LocalIndices:
