@@ -118,7 +118,7 @@ def resolved_mesh(data: Sequence[Datum], sided: SidedMesh, max_cells: int = MOST
         max_cells: The limit on the number of cells.
     """
     comm = sided.mesh.comm
-    size = longest_side(comm, sided.mesh.geometry.x)
+    size = longest_side(sided.mesh)
     fits = [_Interpolation(datum, sided.mesh, size) for datum in data]
     notes = [fit.doubt for fit in fits if fit.doubt]
     while True:

@@ -295,9 +295,7 @@ class Loop:
             return 1.0
         smallest = float(volumes(domain).min(initial=math.inf)) ** (1.0 / dim)
         smallest = self.comm.allreduce(smallest, op=MPI.MIN)
-        return float(
-            (smallest / longest_side(self.comm, domain.geometry.x)) ** (1.0 - dim / norm.p)
-        )
+        return float((smallest / longest_side(domain)) ** (1.0 - dim / norm.p))
 
     def _next_mesh(self) -> Divided | None:
         """Divide the mesh for the next step; None, with the reason, if the loop ends here."""

@@ -67,7 +67,7 @@ class EnclosedData:
         self.frames = cell_frames(self.domain)
         self.d = self.frames.dimension
         self.corners = cell_corners(self.domain)
-        self.width = longest_side(self.comm, self.domain.geometry.x)
+        self.width = longest_side(self.domain)
         self.load, self.reaction = formula_of(terms.load), formula_of(terms.reaction)
         self.diffusion = [formula_of(entry) for entry in terms.entries(self.d)]
         self.size, self.hidden = self._load_on_cells(), 0.0

@@ -219,7 +219,7 @@ def _check_mesh(problem: BoundConstrainedProblem) -> None:
 
 def _ends(solved: Solved, scales: CellScales, exits: Mask) -> Mask:
     """Whether cells take up what is left: by a strong reaction, or any if nothing else does."""
-    size = longest_side(solved.comm, solved.frames.domain.geometry.x)
+    size = longest_side(solved.frames.domain)
     least = size / np.sqrt(scales.lowest)
     ends = np.asarray(scales.l2_weight <= least)
     if anywhere(solved.comm, ends.any() or exits.any()):

@@ -53,7 +53,7 @@ def _of_size_one(*meshes: mesh.Mesh) -> Iterator[None]:
 
     DOLFINx finds no nearest points of cells whose coordinates are large numbers.
     """
-    side = longest_side(meshes[0].comm, meshes[0].geometry.x)
+    side = longest_side(meshes[0])
     unit = power_of_two(side)
     for each in meshes:
         each.geometry.x[:] /= unit

@@ -111,7 +111,7 @@ class CurvedSides:
                 raise InputError(f"{name!r}: {message}", "geometry")
             far, farther = (comm.allreduce(float(one.gaps(sided, n).sum())) for n in (1, 2))
             measure = comm.allreduce(float(simplex_sizes(corners).sum()))
-            if farther > max(far, ROUNDING * _size(sided) * measure):
+            if farther > max(far, ROUNDING * longest_side(sided.mesh) * measure):
                 message = "is followed too roughly by the first mesh, which should be finer there"
                 raise InputError(f"{name!r}: {message}", "geometry")
 
@@ -130,7 +130,7 @@ class CurvedSides:
             return False
         domain, comm = sided.mesh, sided.mesh.comm
         x, before = self.placed(sided), determinants(cell_edges(domain, owned_cells(domain)))
-        moved = highest(comm, np.abs(x - domain.geometry.x)) > ROUNDING * _size(sided)
+        moved = highest(comm, np.abs(x - domain.geometry.x)) > ROUNDING * longest_side(sided.mesh)
         placed, domain.geometry.x[:] = domain.geometry.x.copy(), x
         after = determinants(cell_edges(domain, owned_cells(domain)))
         if anywhere(comm, after * before <= 0.0):
@@ -344,7 +344,3 @@ def _heights(tips: Array, ridges: Array) -> Array:
     along = ridges[:, 1] - ridges[:, 0]
     shares = (ways * along).sum(axis=1) / (along**2).sum(axis=1)
     return np.asarray(ways - shares[:, None] * along)
-
-
-def _size(sided: SidedMesh) -> float:
-    return longest_side(sided.mesh.comm, sided.mesh.geometry.x)

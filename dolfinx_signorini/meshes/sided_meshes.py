@@ -287,13 +287,9 @@ def box(comm: MPI.Comm, points: npt.NDArray[np.floating]) -> Array:
     return np.array([-lowest, highest])
 
 
-def longest_side(comm: MPI.Comm, points: npt.NDArray[np.floating]) -> float:
-    """Return the longest side of the box around the points of all ranks; collective.
-
-    Args:
-        comm, points: See `box`.
-    """
-    return float(np.ptp(box(comm, points), axis=0).max())
+def longest_side(domain: mesh.Mesh) -> float:
+    """Return the longest side of the box around a mesh; the call is collective."""
+    return float(np.ptp(box(domain.comm, domain.geometry.x), axis=0).max())
 
 
 def facet_vertices(domain: mesh.Mesh) -> LocalIndices:

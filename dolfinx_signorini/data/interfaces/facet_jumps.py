@@ -129,7 +129,7 @@ def data_jumps(
     if size > 0.0:
         places.append(x[both.sum(axis=0) > (1.0 + SOLVED) * size])
     found = np.concatenate(comm.allgather(np.concatenate([np.empty((0, dim)), *places])))
-    digits = 9 - round(math.log10(longest_side(comm, x)))
+    digits = 9 - round(math.log10(longest_side(domain)))
     return sorted({tuple(map(float, point)) for point in np.round(found, digits) + 0.0})
 
 

@@ -139,7 +139,7 @@ class _Cells:
         self.curves = interfaces(*formulas)
         self.d, self.dimension = domain.geometry.dim, corners.shape[1] - 1
         self.whole = with_reference(corners[..., : self.d])
-        self.size = longest_side(domain.comm, domain.geometry.x[:, : self.d])
+        self.size = longest_side(domain)
 
     def broken(self) -> Indices:
         """Return the cells that interfaces cross, or may do so."""

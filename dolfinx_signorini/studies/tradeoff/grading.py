@@ -63,7 +63,7 @@ def graded_mesh(
 
 def _radii(sided: SidedMesh, points: Sequence[DetachmentPoint]) -> list[float]:
     """The radius R of the grading towards each point: at most half the distance to the next one."""
-    size = longest_side(sided.mesh.comm, sided.mesh.geometry.x)
+    size = longest_side(sided.mesh)
     positions = np.array([point.position for point in points])
     radii = []
     for position in positions:
