@@ -314,7 +314,7 @@ def _energies(a: ufl.Form, layout: Layout, columns: Array) -> tuple[Array, float
 
     own = [layout.turned_back(column) for column in columns.T]
     places = owned_places(layout.nodal)[:, : layout.block]
-    size, stretched = longest_side(comm, places), 0.0
+    size, stretched = longest_side(space.mesh), 0.0
     for i in range(layout.block):
         values = np.zeros_like(places)
         values[:, i] = places[:, i] / size
