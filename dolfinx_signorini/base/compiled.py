@@ -220,19 +220,11 @@ def remembered(
         signature = item.signature() if isinstance(item, ufl.Form) else compute([item], "")
         return once(comm, (str(signature), repr((given, options))), found)
 
-    with _replaced(jit, "ffcx_jit", remember):
-        yield
-
-
-@contextmanager
-def _replaced(module: Any, name: str, function: Callable[..., Any]) -> Iterator[None]:
-    """Let a module have another function under a name."""
-    before = getattr(module, name)
-    setattr(module, name, function)
+    before, jit.ffcx_jit = jit.ffcx_jit, remember
     try:
         yield
     finally:
-        setattr(module, name, before)
+        jit.ffcx_jit = before
 
 
 def once(comm: MPI.Comm, key: tuple[str, str], look_up: Callable[[], Any]) -> Any:
