@@ -75,7 +75,7 @@ def require(comm: MPI.Comm, satisfied: bool, message: str, subject: str) -> None
 
 
 @contextmanager
-def together(comm: MPI.Comm, subject: str) -> Iterator[None]:
+def together(comm: MPI.Comm, subject: str, failed: str = "") -> Iterator[None]:
     """Raise on every rank what a block raises on some: a function of a user is called in the block.
 
     For example:
@@ -90,6 +90,8 @@ def together(comm: MPI.Comm, subject: str) -> Iterator[None]:
     Args:
         comm: The communicator; the call is collective.
         subject: The argument that the function was given as.
+        failed: What an exception means, in words, where the rank with the exception is to raise an
+            InputError, too.
 
     Raises:
         InputError: The block raised an exception on another rank.
@@ -101,7 +103,11 @@ def together(comm: MPI.Comm, subject: str) -> Iterator[None]:
     except InputError as error:
         failure, told = error, (error.message, error.subject)
     except Exception as error:
-        failure, told = error, (f"raised {type(error).__name__}: {error}", subject)
+        told = f"{failed or 'raised'} {type(error).__name__}: {error}", subject
+        failure = error
+        if failed:
+            failure = InputError(*told)
+            failure.__cause__ = error
     timer = Timer(PATIENCE, traceback.print_exception, [failure])
     timer.daemon = True
     if failure is not None:

@@ -148,12 +148,8 @@ def returned(
     Raises:
         InputError: The call fails, or returns something else.
     """
-    with together(u.ufl_function_space().mesh.comm, subject):
-        try:
-            found = call(u)
-        except Exception as error:
-            message = f"{failed}: {type(error).__name__}: {error}"
-            raise InputError(message, subject) from error
+    with together(u.ufl_function_space().mesh.comm, subject, f"{failed}:"):
+        found = call(u)
         if not isinstance(found, kind):
             raise InputError(f"must return {wanted}, not {type(found).__name__}", subject)
     return found

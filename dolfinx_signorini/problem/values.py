@@ -161,13 +161,9 @@ def called(
             subject is the name of the argument.
     """
     values = np.zeros(x.shape[1])
-    with together(comm, name):
-        try:
-            found = np.asarray(value(x) if len(values) else 0.0)
-            if np.iscomplexobj(found):
-                raise TypeError("the values are complex")
-            values[:] = np.broadcast_to(found.astype(np.float64), values.shape)
-        except Exception as error:
-            message = f"the callable returned no values: {type(error).__name__}: {error}"
-            raise InputError(message, name) from error
+    with together(comm, name, "the callable returned no values:"):
+        found = np.asarray(value(x) if len(values) else 0.0)
+        if np.iscomplexobj(found):
+            raise TypeError("the values are complex")
+        values[:] = np.broadcast_to(found.astype(np.float64), values.shape)
     return values
