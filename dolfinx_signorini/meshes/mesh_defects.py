@@ -9,29 +9,13 @@ from collections.abc import Iterator
 from itertools import combinations
 
 import numpy as np
-from dolfinx import mesh
 from scipy.spatial import cKDTree
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask, blocks
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, SOLVED
-from dolfinx_signorini.meshes.sided_meshes import gathered_cells
 
 # Of the width of the thinner cell: how far cells may overlap by the rounding of their vertices.
 OVERLAP = SOLVED**0.5
-
-
-def all_cells(domain: mesh.Mesh) -> tuple[Indices, Array]:
-    """Return the vertices of all cells of a mesh on rank 0, and none on other ranks.
-
-    Args:
-        domain: A mesh with straight-sided cells; the call is collective.
-
-    Returns:
-        The global numbers of the vertices, shape (cells, vertices), and their coordinates, shape
-        (cells, vertices, dimension).
-    """
-    ids, x = gathered_cells(domain)
-    return ids, x[ids]
 
 
 def cell_defect(ids: Indices, corners: Array) -> str:

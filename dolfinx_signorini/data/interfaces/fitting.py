@@ -21,12 +21,12 @@ from dolfinx_signorini.base.compat import ELEMENTS
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.data.interfaces.cutting import THIN, Simplices, fitted
 from dolfinx_signorini.data.interfaces.interface import Interface, interfaces
-from dolfinx_signorini.meshes.mesh_defects import all_cells
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
     boundary_facets,
     facet_nodes,
+    gathered_cells,
     owned_cells,
 )
 
@@ -105,7 +105,7 @@ def _gathered(sided: SidedMesh) -> tuple[Simplices | None, Indices]:
     """
     domain = sided.mesh
     dim, comm = domain.topology.dim, domain.comm
-    cells, corners = all_cells(domain)
+    cells, x = gathered_cells(domain)
     facets = boundary_facets(domain)
     _, sides = sided.combinations(facets)
     nodes = facet_nodes(domain, facets)
@@ -113,8 +113,6 @@ def _gathered(sided: SidedMesh) -> tuple[Simplices | None, Indices]:
     parts = comm.gather((ids.reshape(-1, dim), sides))
     if parts is None:
         return None, np.empty(0, dtype=np.int64)
-    x = np.empty((cells.max() + 1, dim))
-    x[cells] = corners
     all_facets, all_sides = (np.concatenate(p) for p in zip(*parts, strict=True))
     by_place = np.lexsort(x.T)
     number = np.empty(len(x), dtype=np.int64)

@@ -21,10 +21,11 @@ from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.data.interfaces.interface import Interface
 from dolfinx_signorini.data.parsing import suggestion
 from dolfinx_signorini.meshes.curved_sides import Projection
-from dolfinx_signorini.meshes.mesh_defects import all_cells, cell_defect
+from dolfinx_signorini.meshes.mesh_defects import cell_defect
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
     boundary_facets,
+    gathered_cells,
     is_straight,
     owned_facets,
 )
@@ -209,7 +210,8 @@ def _read_xdmf(comm: MPI.Comm, path: Path, grid: str, name: str, cell_name: str)
     message = "only straight-sided triangles in the plane and tetrahedra with tags on their facets"
     solved_on = is_straight(domain) and tags.dim == tdim - 1
     require(comm, solved_on, f"{message} are solved on", "domain")
-    defect = comm.bcast(cell_defect(*all_cells(domain)))
+    ids, x = gathered_cells(domain)
+    defect = comm.bcast(cell_defect(ids, x[ids]))
     if defect:
         raise InputError(defect)
     sides = by_tag(tags, _numbers(comm, tags))
