@@ -35,7 +35,7 @@ from dolfinx_signorini.base.tolerances import PRECISION
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.norms.orders import KINK_EXPONENT, SMOOTH, is_finite
-from dolfinx_signorini.norms.power_sums import joined, total
+from dolfinx_signorini.norms.power_sums import collected, joined, total
 from dolfinx_signorini.norms.sectors import LOGARITHM
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
@@ -121,7 +121,7 @@ class Estimator:
         self.prediction = replace(self.prediction, remaining=self.prediction.remaining * scale)
         self.estimate = SAFETY * value
         self._add(SAFETY * found.unseen)
-        self._add_local()
+        self._add_local(solved)
 
     def _look_at_corners(self, solved: Solved) -> None:
         """Find the rates of divisions towards corners; the dual solution has the same exponents."""
@@ -235,13 +235,15 @@ class Estimator:
         self.prediction = replace(prediction, remaining=np.maximum(prediction.remaining, own))
         return max(value, total(np.maximum(least, apart), self.rates.power, self._comm))
 
-    def _add_local(self) -> None:
+    def _add_local(self, solved: Solved) -> None:
         """Raise an estimate in L^p, and the prediction, to what cells leave there by themselves."""
         norm = self._target.norm
         self.local = None
         if norm is None or norm.boundary or not self._target.weighted:
             return
-        self.local = self.rates.local_prediction(SAFETY * self.found.inside, norm.p)
+        details = self._target.on_cells(solved.detail)
+        norms = SAFETY * collected(details, solved.parents, solved.count, norm.p)
+        self.local = self.rates.local_prediction(norms, norm.p)
         parts = shared_out(self.local.remaining, norm.p, self._comm)
         self._raise_to(np.maximum(self.prediction.remaining, parts))
 

@@ -83,7 +83,6 @@ class Indicators:
         left: In sup norms what the derivatives of w tell of its error on the cell; otherwise 0.
         unseen: What the terms add to the error of w that no comparison shows.
         algebra: With a dual solution, what the iterations of the solve leave in the target; else 0.
-        inside: In L^p norms the norm of w - I w on the cell; otherwise 0.
         resolved: Whether the solutions are smooth in the cell, as far as their derivatives tell.
     """
 
@@ -94,7 +93,6 @@ class Indicators:
     left: Array
     unseen: Array
     algebra: float
-    inside: Array
     resolved: Mask
 
 
@@ -121,16 +119,13 @@ def indicators(solved: Solved, unseen: Sequence[Term] = UNSEEN) -> Indicators:
         local = np.sqrt(solved.on_cells(product(solved.residual, solved.detail))[1])
         rest, left = _together(unseen, solved, dual), algebra(solved, dual)[0].sum()
         iterated = abs(fine.comm.allreduce(float(left)))
-        inside: Array = zero
-        if norm is not None and not norm.boundary:
-            inside = collected(target.on_cells(solved.detail), parents, count, norm.p)
-        return Indicators(apart, cells, local, cells, zero, rest, iterated, inside, resolved)
+        return Indicators(apart, cells, local, cells, zero, rest, iterated, resolved)
     assert norm is not None
     rest = _together(unseen, solved, None)
     norms = target.on_cells(solved.error)
     apart, moved = total(norms, norm.p, fine.comm), collected(norms, parents, count, norm.p)
     if not math.isinf(norm.p):
-        return Indicators(apart, moved, moved, moved, zero, rest, 0.0, zero, resolved)
+        return Indicators(apart, moved, moved, moved, zero, rest, 0.0, resolved)
     detail = solved.detail
     cells, left = (
         collected(values, parents, count, norm.p)
@@ -140,7 +135,7 @@ def indicators(solved: Solved, unseen: Sequence[Term] = UNSEEN) -> Indicators:
         )
     )
     moved = np.maximum(cells, moved)
-    return Indicators(apart, cells, cells, moved, left, rest, 0.0, zero, resolved)
+    return Indicators(apart, cells, cells, moved, left, rest, 0.0, resolved)
 
 
 def _together(terms: Sequence[Term], solved: Solved, dual: Dual | None) -> Array:
