@@ -34,6 +34,7 @@ import numpy as np
 from scipy import linalg
 
 from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.tolerances import SIX_DIGITS
 from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.meshes.polynomials import rule
 from dolfinx_signorini.norms.orders import SMOOTH
@@ -41,7 +42,7 @@ from dolfinx_signorini.norms.orders import SMOOTH
 DEGREE = 10  # of the polynomials for U, on pieces of WIDTH at most: nine digits of exponents
 WIDTH = math.radians(60.0)  # at most three pieces of a sector at a convex corner
 WHOLE = 1e-3  # an exponent that is so near to an integer is the integer
-LOGARITHM = 1e-6  # r^a log r is taken as r to a power that is so much less
+LOGARITHM = SIX_DIGITS  # r^a log r is taken as r to a power that is so much less
 DIGITS = 10  # of angles and coefficients, by which corners are the same
 
 
