@@ -149,9 +149,7 @@ class _Cuts:
 
     def largest(self, values: Array) -> Array:
         """The largest values on the cells."""
-        result = np.zeros(len(self.cells))
-        np.maximum.at(result, self.owners, values.max(axis=0))
-        return result
+        return collected(values.max(axis=0), self.owners, len(self.cells), math.inf)
 
     def integrals(self, values: Array) -> Array:
         """The integrals over the cells of a function, or of several side by side."""
