@@ -30,6 +30,7 @@ from dolfinx_signorini.meshes.points import points_at
 from dolfinx_signorini.meshes.polynomials import depths
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, cell_corners, longest_side, owned_cells
+from dolfinx_signorini.norms.power_sums import collected
 
 MOST_CELLS = 3_000  # of a first mesh, which one rank fits to jumps, and which no solution tells of
 # What the deviation of a datum from polynomials may be, of its norm: in all cells, and
@@ -219,10 +220,7 @@ class _Interpolation:
 
     def _shares(self, count: int) -> Array:
         """The deviation in each cell, of the norm of the datum."""
-        samples, result = self.samples, np.zeros(count)
-        if self.datum.measure == "mass":
-            weighted = samples.weights * self.deviations
-            result += np.bincount(samples.owners, weighted, count)
-        else:
-            np.maximum.at(result, samples.owners, self.deviations)
-        return np.asarray(result / samples.norm, dtype=np.float64)
+        samples, mass = self.samples, self.datum.measure == "mass"
+        values = samples.weights * self.deviations if mass else self.deviations
+        found = collected(values, samples.owners, count, 1.0 if mass else math.inf)
+        return np.asarray(found / samples.norm)
