@@ -243,7 +243,7 @@ class Estimator:
             return
         details = self._target.on_cells(solved.detail)
         norms = SAFETY * collected(details, solved.parents, solved.count, norm.p)
-        self.local = self.rates.local_prediction(norms, norm.p)
+        self.local = self.rates.local_prediction(norms, norm.p, self.found.resolved)
         parts = shared_out(self.local.remaining, norm.p, self._comm)
         self._raise_to(np.maximum(self.prediction.remaining, parts))
 

@@ -109,7 +109,7 @@ class Rates:
         """Whether each cell is at a corner at which divisions were seen twice to gain nothing."""
         return (self._stood > 1) & self.at_corners
 
-    def local_prediction(self, norms: Array, p: float) -> Prediction:
+    def local_prediction(self, norms: Array, p: float, resolved: Mask) -> Prediction:
         """Return what cells leave in an L^p norm by themselves.
 
         Where the energy norm of an error falls with the rate s, an L^p norm falls with s + 1. At a
@@ -119,10 +119,11 @@ class Rates:
         Args:
             norms: The L^p norms of w - I w on the cells.
             p: The exponent.
+            resolved: Whether a cell looks smooth, see `Indicators`; others may have such a point.
         """
         smooth = self.values >= (1.0 - ROUNDING) * self.order
         singular = self.values < SINGULAR * self.order
-        at_points = np.where(singular | self._known, self.dimension * (0.5 - 1.0 / p), 0.0)
+        at_points = np.where(resolved, 0.0, self.dimension * (0.5 - 1.0 / p))
         rates = self.values / self._times + 1.0 - at_points
         rho = 2.0 ** -np.where(smooth, self.order, np.clip(rates, SLOWEST, self.order))
         remaining = norms * rho / (1.0 - rho)

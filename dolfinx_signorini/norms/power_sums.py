@@ -26,7 +26,7 @@ def p_norm(values: Array, p: float, weights: Array | float = 1.0) -> Array:
     if math.isinf(p):
         return np.asarray(largest)
     with np.errstate(invalid="ignore"):
-        sizes /= np.where(largest > 0.0, largest, 1.0)
+        sizes /= np.where((largest > 0.0) & np.isfinite(largest), largest, 1.0)
         sizes = power(sizes, p)
         sizes *= np.moveaxis(np.broadcast_to(weights, np.shape(values)), -1, 0)
         total = sizes.sum(axis=0)
@@ -73,7 +73,8 @@ def collected(values: Array, owners: npt.NDArray[np.integer[Any]], count: int, p
     if math.isinf(p):
         np.maximum.at(result, owners, values)
         return result
-    largest = float(values.max(initial=0.0)) or 1.0
+    largest = float(values.max(initial=0.0))
+    largest = largest if 0.0 < largest < math.inf else 1.0
     sums = np.bincount(owners, (values / largest) ** p, count)
     return np.asarray(largest * sums ** (1.0 / p))
 
