@@ -82,8 +82,9 @@ def test_what_the_obstacle_does_does_not_depend_on_the_origin(where, origin, com
 def test_an_early_stop_does_not_depend_on_the_origin(origin, comm):
     """The start on a finer mesh has no jump beside the data that the coarse mesh does not see."""
     errors = []
+    posed = [pose("boundary", comm, n) for n in (32, 64)]  # ranks may share other meshes otherwise
     for c in (0.0, origin):
-        coarse, fine = (pose("boundary", comm, n)(c) for n in (32, 64))
+        coarse, fine = (problem(c) for problem in posed)
         coarse.solve()
         u = fine.solve(coarse=coarse.contact_state())
         assert fine.result.algebraic_share is not None
