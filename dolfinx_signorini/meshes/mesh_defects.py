@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask, blocks
-from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, ROUNDING, SOLVED
+from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, SOLVED
 
 # Of the width of the thinner cell: how far cells may overlap by the rounding of their vertices.
 OVERLAP = SOLVED**0.5
@@ -144,5 +144,5 @@ def _meet(a: Array, b: Array, axes: Array) -> Mask:
     p, q = (np.einsum("pvi,pni->pnv", x, axes) for x in (a, b))
     common = np.minimum(p.max(axis=2), q.max(axis=2)) - np.maximum(p.min(axis=2), q.min(axis=2))
     thinner = np.minimum(np.ptp(p, axis=2), np.ptp(q, axis=2))
-    rounding = ROUNDING * np.abs(p).max(axis=2)
+    rounding = 1e-14 * np.abs(p).max(axis=2)
     return ((common > OVERLAP * thinner + rounding) | (thinner == 0.0)).all(axis=1)
