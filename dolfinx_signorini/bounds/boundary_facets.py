@@ -24,7 +24,7 @@ from dolfinx_signorini.meshes.polynomials import (
     positive_on_parts,
     rule,
 )
-from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_vertices
+from dolfinx_signorini.meshes.sided_meshes import facet_vertices
 from dolfinx_signorini.problem.assembly import dofs_on_facets
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.values import Data, datum
@@ -175,7 +175,7 @@ def facet_kinds(solved: Solved) -> tuple[Indices, Indices]:
     twice = bool((fixed & (contact | flux)).any())
     require(comm, not twice, "a facet with data is a contact facet or has a flux", "dirichlet")
     _check_fixed(problem, terms)
-    kinds = np.where(on_frames(frames, [boundary_facets(frames.domain)]), NEUMANN, INTERIOR)
+    kinds = np.where(frames.outer, NEUMANN, INTERIOR)
     kinds[fixed] = DIRICHLET
     kinds[contact] = OPEN
     cells, facets = np.nonzero(kinds >= OPEN)

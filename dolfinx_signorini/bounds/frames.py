@@ -84,6 +84,12 @@ class Frames:
         return widths(self.corners)
 
     @functools.cached_property
+    def outer(self) -> Mask:
+        """Whether facets are on the boundary, shape (cells, d + 1); collective."""
+        index_map = self.domain.topology.index_map(self.dimension - 1)
+        return np.asarray(summed(index_map, boundary_facets(self.domain))[self.local_facets] > 0.0)
+
+    @functools.cached_property
     def gradients(self) -> Array:
         """The gradients of the barycentric coordinates, shape (cells, d + 1, d)."""
         return np.concatenate((-self.inverses.sum(axis=1, keepdims=True), self.inverses), axis=1)
@@ -189,8 +195,7 @@ def on_frames(frames: Frames, parts: Sequence[LocalIndices]) -> Mask:
     """
     facets = np.concatenate([*parts, np.empty(0, dtype=np.int32)]).astype(np.int32)
     index_map = frames.domain.topology.index_map(frames.dimension - 1)
-    both = (summed(index_map, each) > 0.0 for each in (facets, boundary_facets(frames.domain)))
-    return np.logical_and(*both)[frames.local_facets]
+    return frames.outer & (summed(index_map, facets)[frames.local_facets] > 0.0)
 
 
 def _global(index_map: object, local: LocalIndices) -> Indices:

@@ -14,6 +14,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.tolerances import ROUNDING
+from dolfinx_signorini.meshes.jacobians import spanned
 from dolfinx_signorini.meshes.parts import CHILDREN
 from dolfinx_signorini.meshes.polynomials import barycentric
 
@@ -79,7 +80,7 @@ def with_reference(corners: npt.NDArray[np.floating]) -> Array:
 def relative_sizes(pieces: Array) -> Array:
     """Return the shares of pieces in their cells, from the coordinates in the reference cell."""
     edges = (pieces[:, 1:] - pieces[:, :1])[..., : pieces.shape[1] - 1]
-    return np.asarray(np.abs(np.linalg.det(edges)))
+    return spanned(edges)
 
 
 def subdivide(
