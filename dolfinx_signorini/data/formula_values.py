@@ -6,13 +6,16 @@ points are data, the same ones for all cells or other ones for each cell.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
 from ufl.algorithms.analysis import extract_coefficients, extract_constants, extract_type
+from ufl.algorithms.signature import compute_expression_signature
 from ufl.classes import Grad
 from ufl.core.expr import Expr
+from ufl.domain import extract_domains
 
 from dolfinx_signorini.base import compat, compiled
 from dolfinx_signorini.base.arrays import Array, blocks
@@ -20,6 +23,7 @@ from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.formulas import Node, nodes, together
 from dolfinx_signorini.data.reading import Unreadable, lowered, more_coordinates, roots
+from dolfinx_signorini.data.readings import known_of
 from dolfinx_signorini.meshes.points import Points
 
 # Of the largest value in a cell: a point that moves inwards as `Points.inside` has it changes the
@@ -46,60 +50,84 @@ class FormulaAtPoints:
     """
 
     def __init__(self, domain: mesh.Mesh, expressions: Sequence[Expr], inside: bool = True):
-        self._vector = lowered(_vector(expressions))
-        self._inside = inside
+        self._domain, self._inside, self._vector = domain, inside, _vector(expressions)
         self._constants = extract_constants(self._vector)
         self._functions = extract_coefficients(self._vector)
-        self._normals = list(extract_type(self._vector, ufl.FacetNormal))
-        slopes = extract_type(self._vector, Grad)
-        self._slopes = [each for each in map(ufl.grad, self._functions) if each in slopes]
-        parts = self._normals + self._functions + self._slopes
-        self._places = more_coordinates(domain.geometry.dim, parts)
-        try:
-            self._roots = self._read()
-        except Unreadable as rest:
-            message = f"must depend on coordinates and functions only, not on {rest}"
-            raise InputError(message, "u") from None
+        terminals = [*extract_domains(self._vector), *self._functions, *self._constants]
+        numbers = {each: k for k, each in enumerate(terminals)}
+        self._signature = compute_expression_signature(self._vector, numbers)
+        self._parts()
 
-    def _read(self) -> list[Node]:
-        """Return the components as formulas, in which constants have their present values."""
-        self._values_of_constants = self._present()
-        found = roots(self._vector, self._places)
-        parts = [node.operation for root in found for node in nodes(root) if node.args]
-        self._jumps = self._inside and any(part.breaks for part in parts)
+    def _parts(self) -> "_Parts":
+        """Return the expressions as formulas, in which constants have their present values."""
+        known = known_of(self._signature, self._constants)
+        if _Parts not in known:
+            known[_Parts] = self._read()
+        if isinstance(known[_Parts], str):
+            message = f"must depend on coordinates and functions only, not on {known[_Parts]}"
+            raise InputError(message, "u")
+        found: _Parts = known[_Parts]
         return found
 
-    def _present(self) -> list[bytes]:
-        return [np.asarray(constant.value).tobytes() for constant in self._constants]
+    def _read(self) -> "_Parts | str":
+        """Read the expressions; return what is not readable where there is such a part."""
+        vector, functions = lowered(self._vector), self._functions
+        slopes = extract_type(vector, Grad)
+        steep = [k for k, f in enumerate(functions) if ufl.grad(f) in slopes]
+        normals = list(extract_type(vector, ufl.FacetNormal))
+        parts = [*normals, *functions, *(ufl.grad(functions[k]) for k in steep)]
+        try:
+            found = roots(vector, more_coordinates(self._domain.geometry.dim, parts))
+        except Unreadable as rest:
+            return str(rest)
+        jumps = any(n.operation.breaks for root in found for n in nodes(root) if n.args)
+        return _Parts(found, jumps, bool(normals), steep)
 
     def __call__(self, points: Points) -> list[Array]:
         """Return the values of each component at the points, each of shape (n, m)."""
-        if self._values_of_constants != self._present():
-            self._roots = self._read()
-        values = self._at(points, points.x)
-        if not (self._jumps and points.at_ends):
+        parts = self._parts()
+        values = self._at(parts, points, points.x)
+        if not (self._inside and parts.jumps and points.at_ends):
             return values
-        for at, within in zip(values, self._at(points, points.inside), strict=True):
+        for at, within in zip(values, self._at(parts, points, points.inside), strict=True):
             size = np.abs(within).max(axis=1, initial=0.0, keepdims=True)
             with np.errstate(invalid="ignore"):
                 other = (np.abs(at - within) > JUMP * size) & np.isfinite(at)
             at[other] = within[other]
         return values
 
-    def _at(self, points: Points, x: Sequence[Array]) -> list[Array]:
+    def _at(self, parts: "_Parts", points: Points, x: Sequence[Array]) -> list[Array]:
         """The values at points for other coordinates that are nearly the same."""
-        data = [*x, *(points.normals if self._normals else [])]
+        data = [*x, *(points.normals if parts.normals else [])]
         for function in self._functions:
             data += points.values(function)
-        for slope in self._slopes:
-            (function,) = slope.ufl_operands
-            data += [part for component in points.gradients(function) for part in component]
+        for k in parts.slopes:
+            gradients = points.gradients(self._functions[k])
+            data += [part for component in gradients for part in component]
         columns = [np.ravel(column) for column in data]
-        result = np.empty((len(self._roots), columns[0].size))
+        result = np.empty((len(parts.roots), columns[0].size))
         for some in blocks(result.shape[1], 1):
             part = np.stack([column[some] for column in columns])
-            result[:, some] = together(self._roots, part.T)
+            result[:, some] = together(parts.roots, part.T)
         return list(result.reshape(len(result), *x[0].shape))
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """What is known of expressions of one kind on all meshes.
+
+    Attributes:
+        roots: The components as formulas, whose coordinates are those of space, then the components
+            of the normal, of the functions and of the derivatives.
+        jumps: Whether an operation may jump.
+        normals: Whether the normal is among the coordinates.
+        slopes: The numbers of the functions whose derivatives are among them.
+    """
+
+    roots: list[Node]
+    jumps: bool
+    normals: bool
+    slopes: list[int]
 
 
 def values_at(

@@ -5,10 +5,11 @@ and for v = 0 and a unit vector as grad v a component of what acts on grad v. In
 have the reaction and the entries of the diffusion by the same substitution.
 
 The loop poses forms of one kind on many meshes. Formulas know of no mesh: what one of these forms
-has been found to be, all forms with its signature and with the same values of constants are.
+has been found to be, all forms with its signature and with the same values of constants are. The
+same holds for expressions.
 """
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -26,8 +27,21 @@ T = TypeVar("T")
 Place = tuple[int, int]  # an integral of a form, and a summand of its integrand
 Known = dict[Hashable, Any]
 
-# What is known of forms by their signatures, with the values of the constants.
+# What is known of forms and expressions by their signatures, with the values of the constants.
 _known: dict[str, tuple[list[bytes], Known]] = {}
+
+
+def known_of(signature: str, constants: Iterable[Any]) -> Known:
+    """Return what is known of forms or expressions of a kind, to which a caller may add.
+
+    Args:
+        signature: The signature of UFL, which does not tell meshes and functions from one another.
+        constants: The constants, of whose last values alone something is known.
+    """
+    values = [np.asarray(getattr(c, "value", np.nan)).tobytes() for c in constants]
+    if signature not in _known or _known[signature][0] != values:
+        _known[signature] = values, {}
+    return _known[signature][1]
 
 
 class Reading:
@@ -47,11 +61,7 @@ class Reading:
 
     def __init__(self, form: ufl.Form):
         self.form = form
-        values = [np.asarray(getattr(c, "value", np.nan)).tobytes() for c in form.constants()]
-        signature = form.signature()
-        if signature not in _known or _known[signature][0] != values:
-            _known[signature] = values, {}
-        self._known = _known[signature][1]
+        self._known = known_of(form.signature(), form.constants())
 
     @cached_property
     def terms(self) -> list[list[Expr]]:
