@@ -14,7 +14,7 @@ import numpy as np
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import check
-from dolfinx_signorini.base.ranks import anywhere
+from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.bounds.better_fluxes import better_fluxes
 from dolfinx_signorini.bounds.boundary_facets import facet_kinds
 from dolfinx_signorini.bounds.boundary_fluxes import given_fluxes
@@ -51,6 +51,9 @@ from dolfinx_signorini.problem.signorini import one_sided
 
 TORN = "the Dirichlet data jump: no solution has finite energy"
 HIDDEN = 0.02  # of the flux part of a bound, or a guess of it
+# Of the strongest reaction, where no cell has a strong one: with all of it, and with a hundredth,
+# bounds are the same to 0.7 % for six reactions and degrees 1 to 3.
+NEAR = 0.25
 MEANS = "without Dirichlet data or a reaction, the mean of the load is known at points only"
 
 
@@ -218,13 +221,18 @@ def _check_mesh(problem: BoundConstrainedProblem) -> None:
 
 
 def _ends(solved: Solved, scales: CellScales, exits: Mask) -> Mask:
-    """Whether cells take up what is left: by a strong reaction, or any if nothing else does."""
+    """Whether cells take up what is left: by a strong reaction, or the strongest one if no other.
+
+    A defect that is taken up costs its L2 norm over the root of the reaction: next to nothing is
+    gained from cells in which the reaction is many times weaker than elsewhere.
+    """
     size = longest_side(solved.frames.domain)
     least = size / np.sqrt(scales.lowest)
     ends = np.asarray(scales.l2_weight <= least)
     if anywhere(solved.comm, ends.any() or exits.any()):
         return ends
-    return np.asarray(scales.least_reaction > 0.0)
+    strongest = highest(solved.comm, scales.least_reaction)
+    return np.asarray((scales.least_reaction > 0.0) & (scales.least_reaction >= NEAR * strongest))
 
 
 def _mean_constant(

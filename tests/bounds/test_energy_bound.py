@@ -464,6 +464,16 @@ def test_a_reaction_on_a_part_of_the_domain_makes_no_warning(comm):
     problem.destroy()
 
 
+@pytest.mark.parametrize("degree", [1, 2])
+def test_where_the_reaction_is_next_to_nothing_no_cell_pays_for_what_is_left(degree, comm):
+    """Without Dirichlet data a reaction from 0.5 down to 1e-44 alone takes up what is left."""
+    domain = square(comm, 8)
+    x = ufl.SpatialCoordinate(domain)
+    c = 0.5 * ufl.exp(-(((x[0] - 0.3) / 0.07) ** 2))
+    case = Case(domain, polynomial(x), degree, c=c)
+    assert case.error() <= energy_bound(case.problem, case.terms).total <= 4.0 * case.error()
+
+
 def test_a_load_that_the_solve_has_overwritten_has_no_bound(comm):
     domain = friedrichs_keller(comm, 4)
     V = fem.functionspace(domain, ("Lagrange", 1))
