@@ -361,12 +361,9 @@ class Assembly:
 
     def _loose(self, A: PETSc.Mat, diagonal: Array) -> tuple[Loose, Array]:
         """Return the motions on which the form vanishes: those that contact holds, and others."""
-        form, none = self._forms[0], np.empty((len(diagonal), 0))
-        if self.layout.frame is None:
-            return checks.loose_constants(form, A, self.layout, diagonal), none
-        loose = held.loose_motions(form, A, self.layout)
-        if not loose:
-            return loose, none
+        loose = held.loose_motions(self._forms[0], A, self.layout, diagonal)
+        if self.layout.frame is None or not loose:
+            return loose, np.empty((len(diagonal), 0))
         loose, free = held.divided(loose, self.layout, self._held_weakly)
         held.add_springs(A, free)
         return loose, free

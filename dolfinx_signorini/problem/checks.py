@@ -3,13 +3,10 @@
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import ufl
-from dolfinx import default_scalar_type, fem, la
+from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
-from ufl.algorithms.apply_derivatives import apply_derivatives
 
-from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.errors import INDEFINITE, InputError, require
 from dolfinx_signorini.base.logs import warn_once
@@ -24,7 +21,6 @@ from dolfinx_signorini.meshes.elements import (
 from dolfinx_signorini.meshes.sided_meshes import box
 from dolfinx_signorini.problem.arguments import SCOPE
 from dolfinx_signorini.problem.constraint import Obstacle
-from dolfinx_signorini.solvers.loose import Loose
 from dolfinx_signorini.solvers.system import Layout, System
 
 HATS = 200  # nodes of the grid of `check_definite`, about
@@ -231,73 +227,6 @@ def check_symmetry(A: PETSc.Mat) -> None:
     symmetric = defect <= SOLVED * size
     message = f"not symmetric, so that no energy is minimised; {SCOPE}"
     require(comm, symmetric, message, "form a")
-
-
-def loose_constants(a: ufl.Form, A: PETSc.Mat, layout: Layout, diagonal: Array) -> Loose:
-    """Return the constants of components on which a form vanishes; refuse one with a(1, 1) < 0.
-
-    Row sums of the matrix tell only to rounding, which a fine mesh makes larger than a small
-    reaction. Where row sums leave a doubt, the form itself is asked: a(1, v) is assembled without
-    the terms that have a gradient of the constant, and a(1, 1) is compared with the energy of the
-    coordinates in units of the domain's size, which does not depend on the mesh.
-
-    Args:
-        a: The form.
-        A: The matrix of the form.
-        layout: The dofs with Dirichlet data.
-        diagonal: The diagonal of the matrix, the rows of this rank.
-
-    Raises:
-        InputError: The subject is "form a".
-    """
-    comm = A.comm.tompi4py()
-    x, product = A.createVecRight(), A.createVecLeft()
-    x.set(1.0)
-    x.array_w[layout.fixed_dofs] = 0.0
-    A.mult(x, product)
-    energy, bound = x.dot(product), comm.allreduce(float(diagonal.sum()))
-    sums = np.abs(product.array_r)
-    destroy(x, product)
-    definite = energy >= -ROUNDING * bound
-    require(comm, definite, f"{INDEFINITE}, a(1, 1) is negative", "form a")
-    if _held_in_all_cells(layout, sums > SOLVED * np.abs(diagonal)):
-        return Loose.nothing(comm)
-    parts = layout.components
-    loose = (parts.sums(sums) <= SOLVED * bound) & (parts.counts(layout.fixed_dofs) == 0)
-    if not loose.any():
-        return Loose.nothing(comm)
-    space = a.arguments()[0].ufl_function_space()
-    one = fem.Constant(space.mesh, default_scalar_type(1.0))
-    reaction = apply_derivatives(ufl.replace(a, {a.arguments()[1]: one}))
-    if reaction.empty():
-        return Loose.constants(parts, loose)
-    forces = compiled.assembled(compiled.form(reaction), space).x.array
-    energies = parts.sums(forces[: len(parts.numbers)])
-    loose &= energies <= ROUNDING * _energy_of_coordinates(A, space)
-    return Loose.constants(parts, loose)
-
-
-def _held_in_all_cells(layout: Layout, beyond_doubt: Mask) -> bool:
-    """Whether each cell of each rank has Dirichlet data or a row sum that is beyond doubt."""
-    held = la.vector(layout.space.dofmap.index_map, dtype=np.int8)
-    held.array[: len(beyond_doubt)] = beyond_doubt
-    held.array[layout.fixed_dofs] = 1
-    held.scatter_forward()
-    everywhere = bool(held.array[layout.space.dofmap.list].any(axis=1).all())
-    return bool(layout.space.mesh.comm.allreduce(everywhere, op=MPI.LAND))
-
-
-def _energy_of_coordinates(A: PETSc.Mat, space: fem.FunctionSpace) -> float:
-    """The sum of a(x, x) over the coordinates x, in units of the size of the domain."""
-    points, lowest, sizes = _in_box(space)
-    x, product = A.createVecRight(), A.createVecLeft()
-    total = 0.0
-    for k in range(points.shape[1]):
-        x.array_w[:] = (points[:, k] - lowest[k]) / sizes.max()
-        A.mult(x, product)
-        total += float(x.dot(product))
-    destroy(x, product)
-    return total
 
 
 def _in_box(space: fem.FunctionSpace) -> tuple[Array, Array, Array]:

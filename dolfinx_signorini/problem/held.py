@@ -17,14 +17,14 @@ in equilibrium.
 
 import numpy as np
 import ufl
-from dolfinx import fem
+from dolfinx import fem, la
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.optimize import linprog
 
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array
-from dolfinx_signorini.base.errors import InputError
+from dolfinx_signorini.base.errors import INDEFINITE, InputError, require
 from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.ranks import highest
@@ -35,7 +35,7 @@ from dolfinx_signorini.base.tolerances import (
     SOLVED,
     TINY,
 )
-from dolfinx_signorini.meshes.sided_meshes import longest_side
+from dolfinx_signorini.meshes.sided_meshes import box
 from dolfinx_signorini.solvers.loose import Loose
 from dolfinx_signorini.solvers.motions import motions_of, owned_places
 from dolfinx_signorini.solvers.system import Layout, System
@@ -44,14 +44,22 @@ LITTLE = 1e-3  # of its size: a load that presses by less is one that does not p
 MOST_ROUNDS = 100  # of linear programs, each with the rows that the last one violates
 
 
-def loose_motions(a: ufl.Form, A: PETSc.Mat, layout: Layout) -> Loose:
+def loose_motions(a: ufl.Form, A: PETSc.Mat, layout: Layout, diagonal: Array) -> Loose:
     """Return the rigid motions on which a form vanishes and that are zero at Dirichlet data.
+
+    Of one component these motions are constants.
 
     Args:
         a: The form.
         A: The matrix of the form, turned, with the Dirichlet data eliminated.
         layout: The dofs; the call is collective.
+        diagonal: The diagonal of the matrix, the rows of this rank.
+
+    Raises:
+        InputError: The form of one component is negative for constants; the subject is "form a".
     """
+    if layout.block == 1 and _held_in_all_cells(A, layout, diagonal):
+        return Loose.nothing(layout.space.mesh.comm)
     motions, parts, fixed = motions_of(layout), layout.components, layout.fixed_dofs
     comm, numbers = layout.space.mesh.comm, np.repeat(parts.numbers, layout.block)
     found: list[Array] = []
@@ -63,7 +71,7 @@ def loose_motions(a: ufl.Form, A: PETSc.Mat, layout: Layout) -> Loose:
         values, vectors = np.linalg.eigh(basis.T @ fixing @ basis)
         basis = basis @ vectors[:, values <= ROUNDING] * np.sqrt(np.trace(total) / total.shape[0])
         if basis.shape[1]:
-            basis = basis @ _without_energy(a, A, layout, own @ basis)
+            basis = basis @ _without_energy(a, A, layout, diagonal, own @ basis)
         found.append(basis)
     motions[fixed] = 0.0
     counts = np.full(parts.count, motions.shape[1], dtype=np.int32)
@@ -270,37 +278,66 @@ def _extreme(comm: MPI.Comm, rows: Array, goal: Array, work: Array | None = None
     return motion
 
 
-def _without_energy(a: ufl.Form, A: PETSc.Mat, layout: Layout, columns: Array) -> Array:
-    """The combinations of functions on which a form vanishes, as orthonormal columns.
+def _held_in_all_cells(A: PETSc.Mat, layout: Layout, diagonal: Array) -> bool:
+    """Whether each cell of each rank has Dirichlet data or a row sum that is not rounding.
 
-    The matrix tells to rounding, which a fine mesh makes larger than the energy of soft springs.
-    Where the matrix leaves a doubt, the form itself is asked, in units of the energy of stretching
-    the domain by its size.
+    Then the form vanishes on no constant, and nobody has to know the components of the mesh. A form
+    with a(1, 1) < 0 is refused.
     """
-    none = np.empty((columns.shape[1], 0))
-    masked = columns.copy()
-    masked[layout.fixed_dofs] = 0.0
+    one, comm = np.ones((len(diagonal), 1)), layout.space.mesh.comm
+    one[layout.fixed_dofs] = 0.0
+    sums = _products(A, one)[:, 0]
+    energy, size = comm.allreduce(np.array([one[:, 0] @ sums, diagonal.sum()]))
+    definite = bool(energy >= -ROUNDING * size)
+    require(comm, definite, f"{INDEFINITE}, a(1, 1) is negative", "form a")
+    held = la.vector(layout.space.dofmap.index_map, dtype=np.int8)
+    held.array[: len(sums)] = np.abs(sums) > SOLVED * np.abs(diagonal)
+    held.array[layout.fixed_dofs] = 1
+    held.scatter_forward()
+    everywhere = bool(held.array[layout.space.dofmap.list].any(axis=1).all())
+    return bool(comm.allreduce(everywhere, op=MPI.LAND))
+
+
+def _products(A: PETSc.Mat, columns: Array) -> Array:
+    """The products of a matrix with columns; collective."""
     x, y = A.createVecs()
     products = []
-    for column in masked.T:
+    for column in columns.T:
         x.array_w[:] = column
         A.mult(x, y)
         products.append(y.array_r.copy())
-    diagonal = A.getDiagonal()
-    energies = masked.T @ np.stack(products, axis=1)
-    scales = masked.T @ (diagonal.array_r[:, None] * masked)
-    destroy(x, y, diagonal)
-    energies, scales = layout.space.mesh.comm.allreduce(np.stack((energies, scales)))
+    destroy(x, y)
+    return np.stack(products, axis=1)
+
+
+def _without_energy(
+    a: ufl.Form, A: PETSc.Mat, layout: Layout, diagonal: Array, columns: Array
+) -> Array:
+    """The combinations of functions on which a form vanishes, as orthonormal columns.
+
+    The matrix tells to rounding, which a fine mesh makes larger than the energy of soft springs or
+    of a small reaction. Where the matrix leaves a doubt, the form itself is asked, in units of the
+    energy of stretching the domain by its size, which does not depend on the mesh.
+    """
+    comm = layout.space.mesh.comm
+    masked = columns.copy()
+    masked[layout.fixed_dofs] = 0.0
+    energies, scales = masked.T @ _products(A, masked), masked.T @ (diagonal[:, None] * masked)
+    energies, scales = comm.allreduce(np.stack((energies, scales)))
     inverse = np.linalg.inv(np.linalg.cholesky(scales))
-    if np.linalg.eigvalsh(inverse @ energies @ inverse.T)[0] > SOLVED:
-        return none
+    least = np.linalg.eigvalsh(inverse @ energies @ inverse.T)[0]
+    if least > SOLVED:
+        return np.empty((columns.shape[1], 0))
     energies, stretched = _energies(a, layout, columns)
     values, vectors = np.linalg.eigh(0.5 * (energies + energies.T))
     return vectors[:, values <= ROUNDING * stretched]
 
 
 def _energies(a: ufl.Form, layout: Layout, columns: Array) -> tuple[Array, float]:
-    """The products of functions in a form, and the energy of stretching the domain by its size."""
+    """The products of functions in a form, and the energy of stretching the domain by its size.
+
+    All components are stretched along all coordinates: a form may miss some of the derivatives.
+    """
     space, comm = layout.space, layout.space.mesh.comm
     first, second = fem.Function(space), fem.Function(space)
     test, trial = a.arguments()
@@ -313,12 +350,13 @@ def _energies(a: ufl.Form, layout: Layout, columns: Array) -> tuple[Array, float
         return float(comm.allreduce(fem.assemble_scalar(form)))
 
     own = [layout.turned_back(column) for column in columns.T]
-    places = owned_places(layout.nodal)[:, : layout.block]
-    size, stretched = longest_side(space.mesh), 0.0
-    for i in range(layout.block):
-        values = np.zeros_like(places)
-        values[:, i] = places[:, i] / size
-        stretched += product(values.ravel(), values.ravel())
+    places = owned_places(layout.nodal)[:, : space.mesh.geometry.dim]
+    low, high = box(comm, places)
+    stretched = 0.0
+    for coordinate in ((places - low) / (high - low).max()).T:
+        for unit in np.eye(layout.block):
+            values = np.outer(coordinate, unit).ravel()
+            stretched += product(values, values)
     return np.array([[product(u, v) for v in own] for u in own]), stretched
 
 

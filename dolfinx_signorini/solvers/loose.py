@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
+from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.tolerances import ROUNDING
-from dolfinx_signorini.meshes.components import Components
 
 
 @dataclass(frozen=True)
@@ -16,7 +15,7 @@ class Loose:
 
     Only contact holds such motions: of one component the constants, of vectors some rigid motions.
 
-        loose = Loose.constants(parts, vanishes)
+        loose = Loose(comm, counts, numbers, rows)
         work = loose.sums(b.array_r)
 
     Attributes:
@@ -37,12 +36,6 @@ class Loose:
         """Return that nothing is loose."""
         none = np.empty(0, dtype=np.int32)
         return Loose(comm, none, none, np.empty((0, 0)))
-
-    @staticmethod
-    def constants(parts: Components, vanishes: Mask) -> "Loose":
-        """Return the constants of those components on which a form vanishes."""
-        rows = vanishes[parts.numbers].astype(np.float64)[:, None]
-        return Loose(parts.space.mesh.comm, vanishes.astype(np.int32), parts.numbers, rows)
 
     def __bool__(self) -> bool:
         return bool(self.counts.any())
