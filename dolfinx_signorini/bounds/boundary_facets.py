@@ -17,13 +17,8 @@ from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, FacetPolynomials
 from dolfinx_signorini.meshes.elements import facet_dofs
 from dolfinx_signorini.meshes.points import Points
-from dolfinx_signorini.meshes.polynomials import (
-    barycentric,
-    others,
-    polynomials,
-    positive_on_parts,
-    rule,
-)
+from dolfinx_signorini.meshes.polynomials import barycentric, others, polynomials, positive_on_parts
+from dolfinx_signorini.meshes.quadrature import rule
 from dolfinx_signorini.meshes.sided_meshes import facet_vertices
 from dolfinx_signorini.problem.assembly import dofs_on_facets
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem

@@ -23,7 +23,8 @@ from dolfinx_signorini.bounds.reference_flux import ReferenceFlux
 from dolfinx_signorini.bounds.remainders import MORE, Remainders, Solved
 from dolfinx_signorini.bounds.strong_form import polynomial_degree
 from dolfinx_signorini.meshes.points import Points
-from dolfinx_signorini.meshes.polynomials import largest, polynomials, rule
+from dolfinx_signorini.meshes.polynomials import largest, polynomials
+from dolfinx_signorini.meshes.quadrature import rule
 from dolfinx_signorini.problem.values import datum
 
 # By dimension: the degree of rules for data that are no polynomials, above rules for polynomials,

@@ -17,7 +17,8 @@ import numpy as np
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.bounds.congruence import alike
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux
-from dolfinx_signorini.meshes.polynomials import barycentric, others, polynomials, rule
+from dolfinx_signorini.meshes.polynomials import barycentric, others, polynomials
+from dolfinx_signorini.meshes.quadrature import rule
 
 Rows = TypeVar("Rows")
 

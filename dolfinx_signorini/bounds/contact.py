@@ -13,7 +13,7 @@ from dolfinx_signorini.bounds.condensation import CLOSED
 from dolfinx_signorini.bounds.feasible import Feasible, feasible, in_cells, sides_of
 from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.strong_form import polynomial_degree
-from dolfinx_signorini.meshes.polynomials import rule
+from dolfinx_signorini.meshes.quadrature import rule
 from dolfinx_signorini.problem.assembly import dofs_on_entities
 from dolfinx_signorini.problem.values import datum
 

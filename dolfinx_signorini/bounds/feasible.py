@@ -27,7 +27,8 @@ from dolfinx_signorini.bounds.nearer import nearer
 from dolfinx_signorini.bounds.remainders import IN_CELLS, MORE, Solved
 from dolfinx_signorini.bounds.strong_form import polynomial_degree
 from dolfinx_signorini.meshes.elements import is_bernstein, lagrange_space
-from dolfinx_signorini.meshes.polynomials import lowest, others, rule
+from dolfinx_signorini.meshes.polynomials import lowest, others
+from dolfinx_signorini.meshes.quadrature import rule
 from dolfinx_signorini.problem.assembly import dofs_on_entities, dofs_on_facets
 from dolfinx_signorini.problem.values import Data, datum, evaluator
 

@@ -19,7 +19,8 @@ from scipy.linalg import null_space
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.interfaces.pieces import corners_of_reference
-from dolfinx_signorini.meshes.polynomials import CELLS, barycentric, polynomials, rule
+from dolfinx_signorini.meshes.polynomials import CELLS, barycentric, polynomials
+from dolfinx_signorini.meshes.quadrature import rule
 
 PARTS = 8  # of a facet, each with its own answer to whether a function is positive
 MOST_NUMBERS = 4_000_000  # of a matrix, or of several ones that are solved at once

@@ -41,7 +41,8 @@ from dolfinx_signorini.data.interfaces.pieces import (
 )
 from dolfinx_signorini.data.interfaces.singular_sets import factors, margins
 from dolfinx_signorini.data.singular import root_mean_squares
-from dolfinx_signorini.meshes.polynomials import largest, polynomials, rule
+from dolfinx_signorini.meshes.polynomials import largest, polynomials
+from dolfinx_signorini.meshes.quadrature import rule
 from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
 
 ORDERS = {1: 16, 2: 12, 3: 8}  # of the rules on pieces, by dimension

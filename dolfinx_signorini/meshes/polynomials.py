@@ -1,4 +1,4 @@
-"""Polynomials on simplices: an orthonormal basis, bounds by Bernstein coefficients, and rules.
+"""Polynomials on simplices: an orthonormal basis, and bounds by Bernstein coefficients.
 
 A polynomial lies between the least and the largest of its Bernstein coefficients.
 
@@ -179,17 +179,3 @@ def depths(points: Array) -> Array:
     """
     along = [*np.moveaxis(points, -1, 0)]  # NumPy is slow along a last axis of a few numbers
     return np.asarray(np.minimum.reduce([*along, 1.0 - sum(along)]))
-
-
-def rule(dimension: int, degree: int) -> tuple[Array, Array]:
-    """Return points and positive weights on a reference simplex; the weights add up to 1.
-
-    Args:
-        dimension: The dimension of the simplex.
-        degree: The degree of the polynomials that are integrated exactly.
-    """
-    for kind in (basix.QuadratureType.default, basix.QuadratureType.gauss_jacobi):
-        points, weights = map(np.asarray, basix.make_quadrature(CELLS[dimension], degree, kind))
-        if (weights > 0.0).all():
-            break
-    return points, weights * math.factorial(dimension)

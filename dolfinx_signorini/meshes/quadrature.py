@@ -1,5 +1,6 @@
 """Named quadrature rules: what is integrated, and with which points, is always said."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.kinds import check, integer
-from dolfinx_signorini.meshes.polynomials import barycentric
+from dolfinx_signorini.meshes.polynomials import CELLS, barycentric
 
 SCHEMES = {
     "default": basix.QuadratureType.default,
@@ -88,6 +89,17 @@ def interior_rule(cell: basix.CellType, degree: int) -> QuadratureRule:
     """
     other = cell == basix.CellType.tetrahedron and degree in (3, 4, 5, 7, 8)
     return QuadratureRule("Xiao-Gimbutas" if other else "default", degree)
+
+
+def rule(dimension: int, degree: int) -> tuple[Array, Array]:
+    """Return the points and weights of `interior_rule` for means: the weights add up to 1.
+
+    Args:
+        dimension: The dimension of the simplex.
+        degree: Degree of the polynomials whose means are exact.
+    """
+    points, weights = interior_rule(CELLS[dimension], degree).points(CELLS[dimension])
+    return points, weights * math.factorial(dimension)
 
 
 MAX_DEGREE = 400  # more points would fill the memory

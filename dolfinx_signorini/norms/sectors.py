@@ -36,7 +36,7 @@ from scipy import linalg
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.tolerances import SIX_DIGITS
 from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
-from dolfinx_signorini.meshes.polynomials import rule
+from dolfinx_signorini.meshes.quadrature import rule
 from dolfinx_signorini.norms.orders import SMOOTH
 
 DEGREE = 10  # of the polynomials for U, on pieces of WIDTH at most: nine digits of exponents

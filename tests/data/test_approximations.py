@@ -19,7 +19,8 @@ from dolfinx_signorini.data.interfaces.pieces import divided, inside, relative_s
 from dolfinx_signorini.data.interpolations import missed_by_interpolation
 from dolfinx_signorini.data.matrices import inverse_entries
 from dolfinx_signorini.data.parsing import parse
-from dolfinx_signorini.meshes.polynomials import polynomials, rule
+from dolfinx_signorini.meshes.polynomials import polynomials
+from dolfinx_signorini.meshes.quadrature import rule
 from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
 
 pytestmark = pytest.mark.pure
