@@ -36,12 +36,11 @@ from dolfinx_signorini.bounds.flux_parts import (
     oscillation,
     with_better,
 )
-from dolfinx_signorini.bounds.frames import cell_frames
 from dolfinx_signorini.bounds.friedrichs import friedrichs
 from dolfinx_signorini.bounds.gaps import gap_means, gaps
 from dolfinx_signorini.bounds.lifted_energy import cone_norms, lifted_energy, robin_energy
 from dolfinx_signorini.bounds.reference_flux import reference_flux
-from dolfinx_signorini.bounds.remainders import NOTHING, Remainders, Solved
+from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, strong_form
 from dolfinx_signorini.data.interfaces.facet_jumps import data_jumps
 from dolfinx_signorini.data.reading import formula_of
@@ -111,33 +110,25 @@ def energy_bound(problem: BoundConstrainedProblem, terms: EnergyTerms | None = N
     _check_mesh(problem)
     terms = strong_form(problem, terms)
     data = EnclosedData(problem, terms)
-    bound = _by_a_flux(data.enclosed(HIDDEN * data.size))
+    bound = bound_by_flux(data.enclosed(HIDDEN * data.size))
     if data.hidden > 2.0 * HIDDEN * bound.flux > 0.0:
-        bound = _by_a_flux(data.enclosed(HIDDEN * bound.flux))
+        bound = bound_by_flux(data.enclosed(HIDDEN * bound.flux))
     read = [(formula_of(given), on) for given, on in terms.dirichlet]
     if data_jumps(problem.space.mesh, [(given, on) for given, on in read if given is not None]):
         return replace(bound, total=math.inf, notes=(*bound.notes, TORN))
     return bound
 
 
-def bound_by_polynomials(
-    problem: BoundConstrainedProblem, terms: EnergyTerms, rest: Remainders = NOTHING
-) -> EnergyBound:
-    """Return the bound with polynomials in place of data; other data count as known at points.
+def bound_by_flux(solved: Solved) -> EnergyBound:
+    """Return the bound from an equilibrated flux and a feasible function.
 
     Args:
-        problem: The solved problem; the call is collective.
-        terms: The strong form, where polynomials may stand for other data.
-        rest: What the data have beside the polynomials that stand for the data.
+        solved: The solved problem, where polynomials may stand for data; other data count as known
+            at points. The call is collective.
 
     Raises:
         InputError: The terms contradict each other.
     """
-    return _by_a_flux(Solved(problem, terms, cell_frames(problem.space.mesh), rest))
-
-
-def _by_a_flux(solved: Solved) -> EnergyBound:
-    """The bound from an equilibrated flux and a feasible function."""
     degree, in_cells = solved.degree, solved.problem.in_domain
     reference = reference_flux(solved.dimension, degree)
     kinds, touching = facet_kinds(solved)

@@ -35,7 +35,8 @@ class Remainders:
 
     Nothing is missed of data that are polynomials, and all bounds are 0:
 
-        bound = bound_by_polynomials(problem, terms, Remainders(load=missed, load_mean=mean))
+        rest = Remainders(load=missed, load_mean=mean)
+        bound = bound_by_flux(Solved(problem, terms, cell_frames(domain), rest))
 
     Attributes:
         load, load_mean: The L2 norm on each cell, and the largest mean of the product with a

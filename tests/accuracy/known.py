@@ -11,7 +11,12 @@ from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.accuracy.terms import Solution, Solved
+from dolfinx_signorini.bounds import remainders
+from dolfinx_signorini.bounds.energy_bound import EnergyBound, bound_by_flux
+from dolfinx_signorini.bounds.frames import cell_frames
 from dolfinx_signorini.problem.signorini import SignoriniProblem
+from dolfinx_signorini.scenes import PosedScene
+from dolfinx_signorini.scenes.bounds import energy_terms
 
 Array = np.ndarray
 Accuracies = dict[str, tuple[float, ...]]
@@ -659,3 +664,9 @@ def values_at(u, points):
     if len(here):
         values[here] = u.eval(points[here], cells.array[cells.offsets[here]])
     return np.max(domain.comm.allgather(values), axis=0)
+
+
+def sampled_bound(posed: PosedScene) -> EnergyBound:
+    """Return the bound of a solved scene without enclosures: data are known at points."""
+    frames = cell_frames(posed.problem.space.mesh)
+    return bound_by_flux(remainders.Solved(posed.problem, energy_terms(posed), frames))

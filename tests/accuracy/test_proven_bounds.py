@@ -9,14 +9,13 @@ import ufl
 from dolfinx import fem
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from known import bump, circle
+from known import bump, circle, sampled_bound
 from mpi4py import MPI
 
-from dolfinx_signorini.bounds.energy_bound import bound_by_polynomials
 from dolfinx_signorini.data.interfaces.fitting import fitted_mesh
 from dolfinx_signorini.data.parsing import parse
 from dolfinx_signorini.scenes import pose
-from dolfinx_signorini.scenes.bounds import bound_of_scene, energy_terms
+from dolfinx_signorini.scenes.bounds import bound_of_scene
 from dolfinx_signorini.scenes.files.reading import parse_scene
 
 PLANE = """
@@ -106,7 +105,7 @@ def test_coefficients_that_are_formulas(degree, comm):
 def test_a_diffusion_that_varies_much(cells, A, Ax, degree, comm):
     text, exact = wave(cells, degree, 2.0, 1.0, A, Ax)
     bound = checked(text, exact, comm, 1.4, A=A)
-    sampled = bound_by_polynomials((posed := solved(text, comm)).problem, energy_terms(posed))
+    sampled = sampled_bound(solved(text, comm))
     assert sampled.sampled and bound.total <= 1.02 * sampled.total
 
 
@@ -115,7 +114,7 @@ def test_a_matrix_of_formulas(comm):
     matrix = '[["2 + sin(x)", "0.5*y"], ["0.5*y", "1 + x^2"]]'
     text = text.replace('diffusion = "1"', f"diffusion = {matrix}")
     bound = bound_of_scene(solved(text, comm))
-    sampled = bound_by_polynomials((posed := solved(text, comm)).problem, energy_terms(posed))
+    sampled = sampled_bound(solved(text, comm))
     assert not bound.sampled and sampled.sampled
     assert sampled.total <= bound.total <= 1.05 * sampled.total
 
@@ -143,7 +142,7 @@ def test_a_bump_between_all_points_is_in_the_bound(width, reaction, comm):
     posed = solved(text, comm)
     assert comm.allreduce(np.abs(posed.problem.u.x.array).max(initial=0.0)) < 1e-3
     error = math.sqrt(math.pi)  # the norm of the gradient of the bump, which is all of u
-    assert bound_by_polynomials(posed.problem, energy_terms(posed)).total < 0.1 * error
+    assert sampled_bound(posed).total < 0.1 * error
     bound = bound_of_scene(posed)
     assert error <= bound.total and bound.data >= error and not bound.sampled
 
@@ -186,7 +185,7 @@ flux = "exp(y)"
 def test_a_diffusion_that_jumps_along_mesh_lines(degree, comm):
     posed = solved(LAYERED.format(degree=degree), comm)
     bound = bound_of_scene(posed)
-    sampled = bound_by_polynomials(posed.problem, energy_terms(posed))
+    sampled = sampled_bound(posed)
     assert not bound.sampled and bound.total == pytest.approx(sampled.total, rel=0.01)
 
 
@@ -279,7 +278,7 @@ def test_a_thin_sheet_that_conducts_badly_and_is_between_all_points(middle, comm
     text = text.replace('"exp(y)"', "1").replace("obstacle = 0", "obstacle = -9")
     posed = solved(text, comm)  # u = x but for a jump by 2
     error = math.sqrt(2.0 * half / low)
-    assert bound_by_polynomials(posed.problem, energy_terms(posed)).total < 0.1 * error
+    assert sampled_bound(posed).total < 0.1 * error
     bound = bound_of_scene(posed)
     assert error <= bound.total and not bound.sampled
 
@@ -320,7 +319,7 @@ def test_a_solution_with_a_bump_between_all_points(comm):
     text = text.replace('"1 + 0.5*sin(x + y)"', "1").replace('"exp(x)"', "0")
     posed = solved(text, comm)
     error = math.sqrt(math.pi)
-    assert bound_by_polynomials(posed.problem, energy_terms(posed)).total < 0.1 * error
+    assert sampled_bound(posed).total < 0.1 * error
     bound = bound_of_scene(posed)
     assert error <= bound.total and not bound.sampled
 

@@ -7,12 +7,20 @@ import ufl
 from dolfinx import fem, mesh
 
 from dolfinx_signorini.base import compat
+from dolfinx_signorini.bounds.energy_bound import bound_by_flux
+from dolfinx_signorini.bounds.frames import cell_frames
+from dolfinx_signorini.bounds.remainders import NOTHING, Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
 from dolfinx_signorini.meshes.sided_meshes import facet_cells
 from dolfinx_signorini.problem.dirichlet import dirichlet
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 
 KAPPA = 2.0  # of Robin conditions
+
+
+def sampled_bound(problem, terms, rest=NOTHING):
+    """The bound without enclosures: data that are no polynomials are known at points."""
+    return bound_by_flux(Solved(problem, terms, cell_frames(problem.space.mesh), rest))
 
 
 class Case:

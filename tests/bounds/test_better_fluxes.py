@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from energy_cases import Case, detaching, left, square
+from energy_cases import Case, detaching, left, sampled_bound, square
 from mpi4py import MPI
 
 from dolfinx_signorini.bounds import better_fluxes as module
 from dolfinx_signorini.bounds.better_fluxes import improved
 from dolfinx_signorini.bounds.condensation import DIRICHLET, INTERIOR, OPEN, CellData
-from dolfinx_signorini.bounds.energy_bound import bound_by_polynomials
 from dolfinx_signorini.bounds.reference_flux import reference_flux
 from dolfinx_signorini.meshes.polynomials import polynomials
 
@@ -34,7 +33,7 @@ def bound_for(degree, end, comm):
     domain = square(comm, 9)
     u = detaching(ufl.SpatialCoordinate(domain), fem.Constant(domain, end))
     case = Case(domain, u, degree, fixed=left)
-    return bound_by_polynomials(case.problem, case.terms)
+    return sampled_bound(case.problem, case.terms)
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3])

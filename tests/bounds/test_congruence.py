@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import mesh
-from energy_cases import Case, cube, detaching, square, top
+from energy_cases import Case, cube, detaching, sampled_bound, square, top
 
 from dolfinx_signorini.bounds import condensation, congruence, patch_groups
-from dolfinx_signorini.bounds.energy_bound import bound_by_polynomials
 from dolfinx_signorini.bounds.frames import cell_frames
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 
@@ -31,14 +30,14 @@ def refined(comm):
 def test_a_bound_without_classes_is_the_same(make, degree, c, monkeypatch, comm):
     domain = make(comm)
     case = Case(domain, detaching(ufl.SpatialCoordinate(domain)), degree, c=c, fixed=top)
-    bound = bound_by_polynomials(case.problem, case.terms)
+    bound = sampled_bound(case.problem, case.terms)
 
     def apart(rows):
         return np.arange(len(rows), dtype=np.uint64)
 
     monkeypatch.setattr(patch_groups, "codes", apart)
     monkeypatch.setattr(condensation, "alike", lambda rows: (np.arange(len(rows)),) * 2)
-    other = bound_by_polynomials(case.problem, case.terms)
+    other = sampled_bound(case.problem, case.terms)
     assert other.total == pytest.approx(bound.total, rel=1e-9)
     assert other.cells == pytest.approx(bound.cells, rel=1e-6, abs=1e-9 * bound.total)
     assert other.notes == bound.notes

@@ -19,6 +19,7 @@ from energy_cases import (
     owned_pairs,
     polynomial,
     roof,
+    sampled_bound,
     square,
     top,
 )
@@ -33,7 +34,7 @@ from dolfinx_signorini.bounds.cell_values import (
     flux_values,
 )
 from dolfinx_signorini.bounds.condensation import coefficients
-from dolfinx_signorini.bounds.energy_bound import bound_by_polynomials, energy_bound
+from dolfinx_signorini.bounds.energy_bound import energy_bound
 from dolfinx_signorini.bounds.equilibration import equilibrated
 from dolfinx_signorini.bounds.frames import cell_frames
 from dolfinx_signorini.bounds.reference_flux import reference_flux
@@ -360,7 +361,7 @@ def test_what_is_sampled_is_called_so(comm):
     exact = energy_bound(*_parts(Case(domain, polynomial(x), 1, c=2.0)))
     assert not exact.sampled and exact.notes == ()
     parts = _parts(Case(domain, polynomial(x) * ufl.exp(x[0]), 1, c=2.0))
-    sampled, proven = bound_by_polynomials(*parts), energy_bound(*parts)
+    sampled, proven = sampled_bound(*parts), energy_bound(*parts)
     assert sampled.sampled and len(sampled.notes) == 2
     assert not proven.sampled and proven.total == pytest.approx(sampled.total, rel=0.01)
 

@@ -16,9 +16,9 @@ import pytest
 import ufl
 from dolfinx import fem, mesh
 from dolfinx.fem.petsc import LinearProblem
+from energy_cases import sampled_bound
 from petsc4py import PETSc
 
-from dolfinx_signorini.bounds.energy_bound import bound_by_polynomials
 from dolfinx_signorini.bounds.frames import cell_frames
 from dolfinx_signorini.bounds.remainders import Remainders
 from dolfinx_signorini.bounds.strong_form import EnergyTerms
@@ -192,7 +192,7 @@ def test_one_number_covers_what_the_data_miss(in_cells, name, comm):
     rest = {key: value(domain) if callable(value) else value for key, value in rest.items()}
     error, bound = (
         true.least_error(problem.u),
-        bound_by_polynomials(problem, terms, Remainders(**rest)),
+        sampled_bound(problem, terms, Remainders(**rest)),
     )
     assert error * (1.0 - 1e-6) <= bound.total <= most * error
     problem.destroy()
@@ -209,7 +209,7 @@ def test_a_diffusion_that_is_another_one_on_some_cells(strange, comm):
     share = (abs(middles - 0.5625) < 0.0625).astype(float)
     thin = np.array([share, *np.full((2, len(share)), strange)])
     error = Data(domain, A, **told).least_error(problem.u)
-    bound = bound_by_polynomials(problem, terms, Remainders(thin=thin))
+    bound = sampled_bound(problem, terms, Remainders(thin=thin))
     assert error <= bound.total <= 1.1 * error
     problem.destroy()
 
@@ -222,7 +222,7 @@ def test_an_inverse_of_the_diffusion_that_is_known_roughly(comm):
     rest = Remainders(
         inverse_entries=[0.25], inverse=0.75, least_diffusion=one, largest_diffusion=one
     )
-    error, bound = true.least_error(problem.u), bound_by_polynomials(problem, terms, rest)
+    error, bound = true.least_error(problem.u), sampled_bound(problem, terms, rest)
     assert error <= bound.total <= 1.1 * error
     problem.destroy()
 
@@ -256,6 +256,6 @@ def test_dirichlet_data_between_the_nodes(name, comm):
     k = math.hypot(2.0 * n * math.pi, math.sqrt(c))
     error = 0.5 * math.sqrt(math.sqrt(c) * math.tanh(math.sqrt(c)) + 0.5 * k * math.tanh(k))
     terms = replace(terms, dirichlet=[(wave, data.left)])
-    bound = bound_by_polynomials(problem, terms, Remainders(**missed))
+    bound = sampled_bound(problem, terms, Remainders(**missed))
     assert error <= bound.total <= most * error
     problem.destroy()
