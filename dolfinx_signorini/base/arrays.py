@@ -1,7 +1,7 @@
-"""Names of arrays in annotations, the same in the whole package; rows in blocks and in an order."""
+"""Names of arrays in annotations, for the whole package; unions, rows in blocks and in an order."""
 
-from collections.abc import Sequence
-from typing import TypeAlias
+from collections.abc import Iterable, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,11 @@ def blocks(rows: int, width: int, comm: MPI.Comm = MPI.COMM_SELF) -> list[slice]
     count = comm.allreduce(1 + rows * width // BLOCK, op=MPI.MAX)
     ends = np.linspace(0, rows, count + 1).astype(int)
     return list(map(slice, ends[:-1], ends[1:]))
+
+
+def union(parts: Iterable[npt.NDArray[np.integer[Any]]]) -> LocalIndices:
+    """Return the indices that are in some of several arrays, each once and in order."""
+    return np.unique(np.concatenate([np.empty(0, dtype=np.int32), *parts])).astype(np.int32)
 
 
 def by_place(

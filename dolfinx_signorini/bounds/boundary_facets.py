@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask, union
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.ranks import marked
 from dolfinx_signorini.base.tolerances import ROUNDING
@@ -213,9 +213,8 @@ def weightless(space: fem.FunctionSpace, dim: int) -> Mask:
 
 
 def _check_fixed(problem: BoundConstrainedProblem, terms: EnergyTerms) -> None:
-    parts = [facets for _, facets in terms.dirichlet]
-    facets = np.concatenate([*parts, np.empty(0, dtype=np.int32)]).astype(np.int32)
-    dofs, fixed = dofs_on_facets(problem.space, facets), problem.fixed_dofs
+    facets, fixed = union(facets for _, facets in terms.dirichlet), problem.fixed_dofs
+    dofs = dofs_on_facets(problem.space, facets)
     message = "a dof with Dirichlet data is on none of the facets that are named"
     require(problem.comm, bool(np.isin(fixed, dofs).all()), message, "dirichlet")
     message = "a dof on one of the facets that are named has no Dirichlet data"

@@ -16,7 +16,7 @@ from dolfinx import fem
 from ufl.core.expr import Expr
 from ufl.corealg.traversal import traverse_unique_terminals
 
-from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, union
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.base.sums_of_squares import summands
@@ -163,7 +163,7 @@ class EnclosedData:
                 coefficients[at] += factor[:, None] * found.coefficients
                 missed[at] += share * found.missed
                 means[at] += share * found.mean
-        sides = np.unique(np.concatenate([facets for _, facets in given]))
+        sides = union(facets for _, facets in given)
         polynomials = [(q, facets) for q, facets in fluxes if polynomial_degree(q) is not None]
         flux = FacetPolynomials(degree, coefficients)
         self.terms = replace(self.terms, neumann=[*polynomials, (flux, sides)])

@@ -13,7 +13,7 @@ import numpy as np
 from dolfinx import la, mesh
 from mpi4py import MPI
 
-from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask, union
 from dolfinx_signorini.base.ranks import summed
 from dolfinx_signorini.data.interfaces.pieces import widths
 from dolfinx_signorini.meshes.jacobians import determinants, inverses
@@ -193,9 +193,8 @@ def on_frames(frames: Frames, parts: Sequence[LocalIndices]) -> Mask:
         frames: The cells.
         parts: Facets that some rank knows, which need not have the cell of the facet.
     """
-    facets = np.concatenate([*parts, np.empty(0, dtype=np.int32)]).astype(np.int32)
     index_map = frames.domain.topology.index_map(frames.dimension - 1)
-    return frames.outer & (summed(index_map, facets)[frames.local_facets] > 0.0)
+    return frames.outer & (summed(index_map, union(parts))[frames.local_facets] > 0.0)
 
 
 def _global(index_map: object, local: LocalIndices) -> Indices:

@@ -5,7 +5,7 @@ collective; all other functions are local to the rank that calls them.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import reduce
 from itertools import combinations
@@ -18,7 +18,7 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.base import compat
-from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
+from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask, union
 from dolfinx_signorini.base.errors import require
 from dolfinx_signorini.base.kinds import (
     COMMUNICATOR,
@@ -66,13 +66,13 @@ class SidedMesh:
         """Return the facets of some sides; "all" stands for the whole boundary."""
         if names == ("all",):
             return boundary_facets(self.mesh)
-        return _together([self.sides[name] for name in names])
+        return union(self.sides[name] for name in names)
 
     def cells(self, names: tuple[str, ...]) -> LocalIndices:
         """Return the owned cells of some regions; "all" stands for all of them."""
         if names == ("all",):
             return owned_cells(self.mesh)
-        return _together([self.regions[name] for name in names])
+        return union(self.regions[name] for name in names)
 
     def combinations(self, facets: LocalIndices) -> tuple[Mask, Indices]:
         """Return which combinations of sides there are, and which of them each facet is on.
@@ -130,11 +130,6 @@ def _named(what: str, count: int) -> Kind:
         return ""
 
     return kind
-
-
-def _together(parts: Sequence[LocalIndices]) -> LocalIndices:
-    """The entities of some parts, each of them once."""
-    return np.unique(np.concatenate(parts)) if parts else np.empty(0, dtype=np.int32)
 
 
 def is_straight(domain: mesh.Mesh) -> bool:

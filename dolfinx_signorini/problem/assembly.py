@@ -15,7 +15,7 @@ from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
 from dolfinx_signorini.base import compiled
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import Array, LocalIndices, union
 from dolfinx_signorini.base.changed_values import Watch
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.petsc import destroy
@@ -91,7 +91,7 @@ class Assembly:
                 dofs, frame = self.directions.dofs, self.directions.frame
             else:
                 self.zone_dofs = [dofs_on_entities(space, z.dim, z.entities) for z in zones]
-                dofs, frame = functools.reduce(np.union1d, self.zone_dofs), None
+                dofs, frame = union(self.zone_dofs), None
             self.layout = Layout(space, dim, entities, sides, dofs, fixed, frame)
             self._options: dict[str, Any] = {
                 "form_compiler_options": form_compiler_options,
@@ -390,8 +390,7 @@ def dofs_on_facets(space: fem.FunctionSpace, facets: LocalIndices) -> LocalIndic
 def _dirichlet_dofs(space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> LocalIndices:
     """The owned dofs that some Dirichlet conditions fix."""
     owned = space.dofmap.index_map.size_local * space.dofmap.bs
-    parts = [bc.dof_indices()[0] for bc in bcs]  # whose counts of owned dofs are wrong for vectors
-    dofs = np.unique(np.concatenate([*parts, np.empty(0, dtype=np.int32)])).astype(np.int32)
+    dofs = union(bc.dof_indices()[0] for bc in bcs)  # whose own counts are wrong for vectors
     return dofs[dofs < owned]
 
 

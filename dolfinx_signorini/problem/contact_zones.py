@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_signorini.base.arrays import LocalIndices
+from dolfinx_signorini.base.arrays import LocalIndices, union
 from dolfinx_signorini.problem.constraint import Obstacle, Zone
 from dolfinx_signorini.solvers.system import Layout
 
@@ -54,7 +54,7 @@ class OnContact(ABC):
         Raises:
             InputError: The problem has not been solved.
         """
-        return np.unique(np.concatenate(self.active_sides)).astype(np.int32)
+        return union(self.active_sides)
 
     @property
     def force(self) -> float:

@@ -15,7 +15,7 @@ from ufl.core.expr import Expr
 
 from dolfinx_signorini.accuracy.terms import assembled
 from dolfinx_signorini.base import compiled
-from dolfinx_signorini.base.arrays import LocalIndices
+from dolfinx_signorini.base.arrays import LocalIndices, union
 from dolfinx_signorini.base.errors import NotConvergedError
 from dolfinx_signorini.base.petsc import destroy
 from dolfinx_signorini.base.ranks import highest
@@ -198,8 +198,7 @@ def integrated(
 def near_cells(domain: mesh.Mesh, points: tuple[Point, ...]) -> LocalIndices:
     """Return the owned cells within `NEAR` cell diameters of points."""
     radius = NEAR * cell_size(domain)
-    parts = [cells_near_ball(domain, point, radius) for point in points]
-    return np.unique(np.concatenate([np.empty(0, dtype=np.int32), *parts]))
+    return union(cells_near_ball(domain, point, radius) for point in points)
 
 
 def cell_size(domain: mesh.Mesh) -> float:
