@@ -21,6 +21,7 @@ from dolfinx_signorini.meshes.elements import (
 from dolfinx_signorini.meshes.sided_meshes import box
 from dolfinx_signorini.problem.arguments import SCOPE
 from dolfinx_signorini.problem.constraint import Obstacle
+from dolfinx_signorini.solvers.motions import owned_places
 from dolfinx_signorini.solvers.system import Layout, System
 
 HATS = 200  # nodes of the grid of `check_definite`, about
@@ -229,14 +230,6 @@ def check_symmetry(A: PETSc.Mat) -> None:
     require(comm, symmetric, message, "form a")
 
 
-def _in_box(space: fem.FunctionSpace) -> tuple[Array, Array, Array]:
-    """The owned nodes, shape (n, dimension), the lowest corner of their box, and its sizes."""
-    count, dimension = space.dofmap.index_map.size_local, space.mesh.geometry.dim
-    points = control_points(space)[:count, :dimension]
-    low, high = box(space.mesh.comm, points)
-    return points, low, high - low
-
-
 def check_definite(A: PETSc.Mat, layout: Layout, diagonal: Array) -> None:
     """Refuse a form that is negative for some combination of the hat functions of a coarse grid.
 
@@ -299,12 +292,13 @@ def _hats(layout: Layout) -> PETSc.Mat:
 
     Each component has them.
     """
-    points, lowest, sizes = _in_box(layout.nodal)
-    (count, dimension), block = points.shape, layout.block
+    comm, dimension, block = layout.space.mesh.comm, layout.space.mesh.geometry.dim, layout.block
+    points = owned_places(layout.nodal)[:, :dimension]
+    count, (low, high) = len(points), box(comm, points)
     # A smaller grid for few dofs: a fourth of their number is enough.
     few = min(0.25 * layout.nodal.dofmap.index_map.size_global, HATS)
     nodes = max(round(few ** (1.0 / dimension)), 3)
-    place = (points - lowest) / np.where(sizes > 0.0, sizes, 1.0) * (nodes - 1)
+    place = (points - low) / np.where(high > low, high - low, 1.0) * (nodes - 1)
     cell = np.clip(place.astype(np.int32), 0, nodes - 2)
     place -= cell
     columns: LocalIndices = np.zeros((count, 1), dtype=np.int32)
@@ -322,7 +316,7 @@ def _hats(layout: Layout) -> PETSc.Mat:
     return PETSc.Mat().createAIJ(
         ((count * block, None), (None, block * nodes**dimension)),
         csr=(rows, columns.ravel().astype(np.int32), values.ravel()),
-        comm=layout.space.mesh.comm,
+        comm=comm,
     )
 
 
