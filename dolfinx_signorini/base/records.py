@@ -74,21 +74,13 @@ class Records:
             comm, path.parent, lambda: _open(path, json.loads(json.dumps(settings)), keys)
         )
 
-    def row(
-        self, title: str, key: Mapping[str, Any], compute: Callable[[], Mapping[str, Any]]
-    ) -> dict[str, Any]:
-        """Return the finished row that has some entries, or compute and add the row.
-
-        Args:
-            title: What the row is called where it is told that the row is there already.
-            key: The entries.
-            compute: Returns the other entries.
-        """
-        row = self.finished(key)
+    def row(self, wanted: Wanted) -> dict[str, Any]:
+        """Return the finished row that is wanted, or compute and add the row."""
+        row = self.finished(wanted.key)
         if row is not None:
-            log.info("%s: already done", title)
+            log.info("%s: already done", wanted.title)
             return row
-        self.append({**key, **compute()})
+        self.append({**wanted.key, **wanted.compute()})
         return self.rows[-1]
 
     def table(self, task: str, wanted: Sequence[Wanted]) -> list[dict[str, Any]]:
@@ -102,7 +94,7 @@ class Records:
         rows = []
         with Progress(task, sum(work)) as progress:
             for each, done in zip(wanted, work, strict=True):
-                rows.append(self.row(each.title, each.key, each.compute))
+                rows.append(self.row(each))
                 progress.advance(done)
         return rows
 

@@ -90,8 +90,7 @@ class Meter:
             assert accuracy is not None
             if rows and rows[-1]["estimate"] <= accuracy:
                 continue
-            title, key, compute, _ = self._wanted(configuration)
-            rows.append(self.records.row(title, key, compute))
+            rows.append(self.records.row(self._wanted(configuration)))
             if rows[-1]["estimate"] > accuracy:
                 break
         return rows
