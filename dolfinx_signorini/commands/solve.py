@@ -20,7 +20,7 @@ from dolfinx_signorini.scenes.files.reading import load_scene, naming_the_file
 from dolfinx_signorini.scenes.files.scene import OUTPUTS, Scene
 from dolfinx_signorini.scenes.output.files import write_results
 from dolfinx_signorini.scenes.output.folder import output_folder
-from dolfinx_signorini.scenes.output.pictures import scene_boundary
+from dolfinx_signorini.scenes.output.pictures import scene_boundaries
 from dolfinx_signorini.scenes.output.summary import Summary, lines, listing, summarise, time_line
 from dolfinx_signorini.scenes.solving import SceneResult, solve_scene
 
@@ -107,8 +107,8 @@ def run(args: argparse.Namespace) -> int:
             result = _solve(scene, comm, **asked, phases=phases)
         try:
             with Progress("summary"):
-                boundary = scene_boundary(result)
-                summary = summarise(result, boundary, args.bound)
+                boundaries = scene_boundaries(result)
+                summary = summarise(result, boundaries, args.bound)
             costs = result.posed.problem.costs() if args.costs else None
             if comm.rank == 0:
                 _print(result, summary)
@@ -116,7 +116,7 @@ def run(args: argparse.Namespace) -> int:
                     print(cost_text(costs), end="")
             if part is not None:
                 with Progress("files"):
-                    write_results(result, summary, boundary, outputs, part)
+                    write_results(result, summary, boundaries, outputs, part)
         finally:
             result.destroy()
     if outputs:

@@ -28,7 +28,7 @@ from dolfinx_signorini.pictures.palette import curve_style
 from dolfinx_signorini.pictures.picture import Picture, picture_files, typeset_norm
 from dolfinx_signorini.scenes.files.reading import load_scene, naming_the_file
 from dolfinx_signorini.scenes.files.scene import Scene
-from dolfinx_signorini.scenes.output.pictures import scene_boundary
+from dolfinx_signorini.scenes.output.pictures import scene_boundaries
 from dolfinx_signorini.scenes.output.summary import force_columns, summarise
 from dolfinx_signorini.scenes.solving import solve_scene
 
@@ -115,8 +115,7 @@ def _row(scene: Scene, comm: MPI.Comm) -> Row:
     """Solve one scene; return its numbers, the same on all ranks."""
     result = solve_scene(scene, comm)
     try:
-        boundary = scene_boundary(result)
-        summary = summarise(result, boundary)
+        summary = summarise(result, scene_boundaries(result))
     finally:
         result.destroy()
     row = {

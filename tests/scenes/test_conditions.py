@@ -67,8 +67,8 @@ def test_a_new_kind_of_condition_is_one_class(bound, sign, value, comm, parse, m
     assert "springs on top" in expectations.terms(scene)
     result = solve_scene(scene, comm)
     boundary = gather_contact_boundary(result.posed.problem)
-    summary = summarise(result, boundary)
-    pictures = draw_scene(result, boundary, summary.detachment_points)
+    summary = summarise(result, [boundary])
+    pictures = draw_scene(result, [boundary], summary.detachment_points)
     result.destroy()
     assert result.expectation.notes == ()  # near corners springs are like any other flux
     assert summary.errors["Linf"] <= 1e-9

@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from dolfinx_signorini.scenes import solve_scene
-from dolfinx_signorini.scenes.output.pictures import scene_boundary
+from dolfinx_signorini.scenes.output.pictures import scene_boundaries
 from dolfinx_signorini.scenes.output.summary import summarise
 
 sys.path.append(str(Path(__file__).parents[1] / "problem"))
@@ -25,7 +25,7 @@ HERTZ = "rtol = 1e-10" + hertz.SCENE.replace("[define]", "width = {width}\n[defi
 
 def figures(width, parse):
     result = solve_scene(parse(HERTZ.format(width=width)), COMM)
-    summary = summarise(result, scene_boundary(result))
+    summary = summarise(result, scene_boundaries(result))
     result.destroy()
     return summary
 
@@ -102,8 +102,8 @@ def test_a_tube_in_a_hole_has_the_pressure_of_lame(parse):
     errors = []
     for count in (6, 12):
         result = solve_scene(parse(tube(count)), COMM)
-        boundary = scene_boundary(result)
-        summary = summarise(result, boundary)
+        boundary = scene_boundaries(result)[0]
+        summary = summarise(result, [boundary])
         result.destroy()
         x, y = summary.forces["contact"]
         assert x == pytest.approx(y, rel=1e-2)

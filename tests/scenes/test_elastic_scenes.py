@@ -17,7 +17,7 @@ from dolfinx_signorini.data.node_values import values_in_cells
 from dolfinx_signorini.scenes import load_scene, pose, solve_scene
 from dolfinx_signorini.scenes.expectations import expect
 from dolfinx_signorini.scenes.output.fields import fields_of
-from dolfinx_signorini.scenes.output.pictures import scene_boundary
+from dolfinx_signorini.scenes.output.pictures import scene_boundaries
 from dolfinx_signorini.scenes.output.summary import force_columns, forces_on, lines, summarise
 
 COMM = MPI.COMM_WORLD
@@ -128,7 +128,7 @@ def test_a_block_between_planes_has_constant_stresses(parse, degree, shape, plan
     tensor = np.diag(s[[0, 2]] if size == 2 else s)
     assert largest(values(stress)[1] - tensor.ravel()) <= 1e-7
     assert largest(values(scalar)[1] - mises(s)) <= 1e-7
-    summary = summarise(result, scene_boundary(result))
+    summary = summarise(result, scene_boundaries(result))
     assert summary.body["largest von Mises stress"] == pytest.approx(mises(s), rel=1e-8)
     assert summary.body["largest pressure"] == pytest.approx(-s[2], rel=1e-7)
     assert summary.body["smallest gap"] == pytest.approx(0.0, abs=1e-12)
@@ -155,7 +155,7 @@ def test_layers_take_the_strain_that_their_modulus_asks_for(parse):
     x, u = values(fields_of(result)[0])
     low = -0.01 - pressure * np.minimum(x[:, 1], 0.5) / 100.0
     assert largest(u[:, 1] - (low - pressure * np.maximum(x[:, 1] - 0.5, 0.0) / 300.0)) <= 1e-10
-    summary = summarise(result, scene_boundary(result))
+    summary = summarise(result, scene_boundaries(result))
     assert summary.body["largest pressure"] == pytest.approx(pressure)
     assert summary.body["largest von Mises stress"] == pytest.approx(pressure)
     result.destroy()
@@ -177,7 +177,7 @@ def test_layers_between_walls_have_the_stiffness_of_their_poissons_ratio(parse):
     assert (
         largest(u[:, 1] + 0.01 + pressure * (below / modulus(0.2) + above / modulus(0.4))) <= 1e-10
     )
-    summary = summarise(result, scene_boundary(result))
+    summary = summarise(result, scene_boundaries(result))
     assert summary.body["largest pressure"] == pytest.approx(pressure)
     # Sidewards the stress is nu / (1 - nu) of the pressure, in and at right angles to the plane.
     assert summary.body["largest von Mises stress"] == pytest.approx(pressure * 0.6 / 0.8)
@@ -203,7 +203,7 @@ sides = "top"
 value = [0, -0.002]
 """
     result = solve_scene(parse(text), COMM)
-    summary = summarise(result, scene_boundary(result))
+    summary = summarise(result, scene_boundaries(result))
     (left, low), (right, _) = summary.detachment_points
     assert abs(low) <= 1e-12 and left + right == pytest.approx(1.0, abs=sum(summary.uncertainties))
     width = 2.0 * np.sqrt(4.0 * summary.forces["contact"][1] * (1.0 - 0.3**2) / (np.pi * 200.0))
@@ -233,7 +233,7 @@ sides = 1
 value = [0, 0]
 """
     result = solve_scene(parse(text), COMM)
-    summary = summarise(result, scene_boundary(result))
+    summary = summarise(result, scene_boundaries(result))
     expected = "r^-0.5 at (-0.25, 1), (0.25, 1)"
     if poisson > 0.0:
         expected += "; r^-0.289 at (-1, 0), (1, 0)"
@@ -338,7 +338,7 @@ def test_forces_balance_where_contact_meets_a_held_component(parse, cells):
     x, values_there = values(forces)
     corner = np.isclose(x[:, 0], 0.0) & np.isclose(x[:, 1], 0.0)
     assert COMM.allreduce(float(np.abs(values_there[corner, 0]).sum())) > 1e-3
-    summary = summarise(result, scene_boundary(result))
+    summary = summarise(result, scene_boundaries(result))
     assert summary.imbalance <= 1e-6
     result.destroy()
 
@@ -536,7 +536,7 @@ def test_a_sweep_has_the_components_of_the_force(folder):
 
 def test_the_summary_prints_vectors(parse):
     result = solve_scene(parse(block()), COMM)
-    summary = summarise(result, scene_boundary(result))
+    summary = summarise(result, scene_boundaries(result))
     texts = dict(lines(summary))
     assert texts["force of traction"] == "(-3, 0)"
     assert texts["force of contact"] == f"(0, {summary.forces['contact'][1]:.6g})"
@@ -553,7 +553,7 @@ def gallery(demos, name, *overrides):
     pytest.importorskip("gmsh")
     scene = load_scene(demos / f"{name}.toml", COMM, [*overrides, "rtol=1e-9"])
     result = solve_scene(scene, COMM)
-    summary = summarise(result, scene_boundary(result))
+    summary = summarise(result, scene_boundaries(result))
     result.destroy()
     assert summary.imbalance <= 1e-6
     return summary
@@ -572,7 +572,7 @@ def test_the_block_on_a_cylinder_has_the_pressure_of_hertz(demos):
 def test_the_punch_has_the_pressure_of_a_rigid_punch_in_its_middle(demos):
     pytest.importorskip("gmsh")
     result = solve_scene(load_scene(demos / "punch.toml", COMM, ["domain.width=0.05"]), COMM)
-    force, boundary = -result.posed.problem.force[1], scene_boundary(result)
+    force, boundary = -result.posed.problem.force[1], scene_boundaries(result)[0]
     if boundary is not None:
         x, pressure = boundary.points[:, 0], boundary.values[:, 2]
         middle = np.abs(x) < 0.13
@@ -584,7 +584,7 @@ def test_the_punch_has_the_pressure_of_a_rigid_punch_in_its_middle(demos):
 def test_the_beam_rests_on_the_bump_and_on_the_floor(demos):
     pytest.importorskip("gmsh")
     result = solve_scene(load_scene(demos / "beam.toml", COMM, ["domain.width=0.15"]), COMM)
-    boundary = scene_boundary(result)
+    boundary = scene_boundaries(result)[0]
     if boundary is not None:
         x = boundary.points[boundary.touching, 0]
         assert ((x > 3.5) & (x < 4.8)).any() and x.max() == pytest.approx(10.0)
@@ -638,6 +638,6 @@ value = [0, -0.05]
 )
 def test_projections_of_a_modulus_make_no_stress_infinite(young, places, parse):
     result = solve_scene(parse(STEEP.format(young=young)), COMM)
-    summary = summarise(result, scene_boundary(result))
+    summary = summarise(result, scene_boundaries(result))
     assert summary.infinite_stress == places
     result.destroy()

@@ -149,7 +149,7 @@ value = 0
 def test_the_contact_summary_agrees_with_itself(degree, comm, parse):
     # Contact in the middle of the wave, twice: four ends, in order on any number of ranks.
     result = solve_scene(parse(f"degree = {degree}\n{WAVE}"), comm)
-    summary = summarise(result, gather_contact_boundary(result.posed.problem))
+    summary = summarise(result, [gather_contact_boundary(result.posed.problem)])
     force = result.posed.problem.force
     pressure, x = result.pressure, ufl.SpatialCoordinate(result.pressure.function_space.mesh)
     right = ufl.conditional(ufl.gt(x[0], 1.0 - 1e-9), pressure, 0.0) * ufl.ds
@@ -229,7 +229,7 @@ def test_the_record_repeats_the_run(run, comm, parse):
     record = json.loads((out / "record.json").read_text())
     assert set(record["versions"]) >= {"dolfinx", "petsc", "dolfinx_signorini"}
     result = solve_scene(parse(record["scene"]), comm)
-    again = summarise(result, gather_contact_boundary(result.posed.problem))
+    again = summarise(result, [gather_contact_boundary(result.posed.problem)])
     result.destroy()
     assert record["summary"]["forces"] == pytest.approx(again.forces, rel=1e-9)
     assert record["summary"]["unknowns"] == again.unknowns == 25**2

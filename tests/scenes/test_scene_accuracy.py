@@ -45,7 +45,7 @@ def test_the_residual_of_a_scene_holds_with_an_accuracy_too(rtol, comm, parse):
 def test_a_scene_reaches_the_accuracy_of_its_file(comm, parse, bound, sign):
     result = solve_scene(parse(DETACHING.format(bound=bound, sign=sign)), comm)
     error = error_norms(result.u, result.posed.exact, ["W1_4"])["W1_4"]
-    summary = summarise(result, gather_contact_boundary(result.posed.problem))
+    summary = summarise(result, [gather_contact_boundary(result.posed.problem)])
     gap = result.gap.x.array.copy()
     # The pressure is 1.5 r^{1/2} at the distance r from the point. What the corner of the bottom
     # carries is the force of Dirichlet data.

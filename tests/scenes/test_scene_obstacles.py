@@ -24,7 +24,7 @@ from dolfinx_signorini.scenes.bounds import bound_of_scene
 from dolfinx_signorini.scenes.domains.mesh_files import MeshFile
 from dolfinx_signorini.scenes.expectations import expect
 from dolfinx_signorini.scenes.output.fields import fields_of
-from dolfinx_signorini.scenes.output.pictures import draw_scene, scene_boundary
+from dolfinx_signorini.scenes.output.pictures import draw_scene, scene_boundaries
 from dolfinx_signorini.scenes.output.summary import summarise
 from dolfinx_signorini.studies.tradeoff.family import Kind, scene_family
 from dolfinx_signorini.studies.tradeoff.runs import Configuration, solve_configuration
@@ -174,7 +174,7 @@ def test_the_ball_is_that_of_the_python_class(parse):
     problem.solve(rtol=1e-10)
     assert by_place(result.u)[:, 2] == pytest.approx(by_place(problem.u)[:, 2], abs=1e-8)
     # Forces of harmonic functions do not change when the plane is blown down; pressures do.
-    summary = summarise(result, scene_boundary(result))
+    summary = summarise(result, scene_boundaries(result))
     assert summary.forces["contact"] == pytest.approx(problem.force, rel=1e-7)
     pressures = by_place(result.pressure)[:, 2], 16.0 * by_place(problem.pressure)[:, 2]
     assert pressures[0] == pytest.approx(pressures[1], abs=1e-5 * pressures[0].max())
@@ -186,7 +186,7 @@ def test_contact_of_the_ball_ends_at_its_radius(demos):
     pytest.importorskip("gmsh")
     scene = load_scene(demos / "membrane.toml", COMM, ["domain.width=0.05"])
     result = solve_scene(scene, COMM)
-    summary = summarise(result, scene_boundary(result))
+    summary = summarise(result, scene_boundaries(result))
     assert np.sqrt(summary.contact_size / np.pi) == pytest.approx(RADIUS, abs=0.5 * 0.05)
     assert summary.boundary_size == pytest.approx(16.0)
     # The flux through any circle around the contact set.
@@ -203,7 +203,7 @@ def test_an_upper_obstacle_is_the_mirror_of_a_lower_one(parse):
     results = [solve_scene(parse(text.split("[solution]")[0]), COMM) for text in (BALL, turned)]
     low, high = (by_place(result.u)[:, 2] for result in results)
     assert high == pytest.approx(-low, abs=1e-10)
-    forces = [summarise(r, scene_boundary(r)).forces["contact"] for r in results]
+    forces = [summarise(r, scene_boundaries(r)).forces["contact"] for r in results]
     assert forces[1] == pytest.approx(-forces[0]) and forces[0] > 0.0
     for result in results:
         result.destroy()
@@ -361,7 +361,7 @@ def test_an_accuracy_with_a_rim_is_reached(folder):
     result = solve_scene(load_scene(write(folder, text), COMM), COMM)
     fine = solve_scene(load_scene(write(folder, RIM), COMM, ["domain.cells=200"]), COMM)
     assert result.found.reached
-    forces = [summarise(r, scene_boundary(r)).forces for r in (result, fine)]
+    forces = [summarise(r, scene_boundaries(r)).forces for r in (result, fine)]
     for name in ("contact", "obstacle"):
         assert forces[0][name] == pytest.approx(forces[1][name], abs=0.03)
     for each in (result, fine):
@@ -415,7 +415,7 @@ def test_obstacles_in_cells_with_tags_are_those_of_the_python_class(folder, cell
     # Divided cells have other diagonals than those of a finer lattice.
     tolerance = 1e-8 if refinements == 0 else 2e-3
     assert ours[:, 2] == pytest.approx(theirs[:, 2], abs=tolerance)
-    size = summarise(result, scene_boundary(result)).boundary_size
+    size = summarise(result, scene_boundaries(result)).boundary_size
     assert size == pytest.approx(1.0 if every else 0.5)
     assert every or ours[:, 2].min() < -0.2
     result.destroy()
@@ -477,7 +477,7 @@ def test_cells_of_an_xdmf_file(folder):
     text = HALVES.format(refinements=1, cells=5).replace('"rim"', "1").replace(".msh", ".xdmf")
     path = write(folder, text.replace("refinements", 'cell_tags = "materials"\nrefinements'))
     result = solve_scene(load_scene(path, COMM), COMM)
-    assert summarise(result, scene_boundary(result)).boundary_size == pytest.approx(0.5)
+    assert summarise(result, scene_boundaries(result)).boundary_size == pytest.approx(0.5)
     result.destroy()
     with pytest.raises(InputError, match=r"obstacle\.cells.*no mesh .* cell tags 'cell_tags'"):
         load_scene(write(folder, text), COMM)
@@ -494,7 +494,7 @@ def test_scenes_without_the_table_have_no_regions(demos):
 def test_an_accuracy_is_reached(parse, norm, accuracy):
     text = BALL.replace("rtol = 1e-10", f'accuracy = {accuracy}\nnorm = "{norm}"')
     result = solve_scene(parse(text.replace("cells = 8\n", "")), COMM)
-    summary = summarise(result, scene_boundary(result))
+    summary = summarise(result, scene_boundaries(result))
     assert result.found.reached and result.found.estimate <= accuracy
     if norm == "Linf":
         domain = result.u.function_space.mesh
@@ -526,7 +526,7 @@ def test_a_narrow_obstacle_is_not_overlooked(parse):
     result = solve_scene(parse(text), COMM)
     highest = COMM.allreduce(float(result.u.x.array.max(initial=0.0)), op=MPI.MAX)
     assert highest >= 0.45
-    assert summarise(result, scene_boundary(result)).forces["contact"] > 0.0
+    assert summarise(result, scene_boundaries(result)).forces["contact"] > 0.0
     result.destroy()
 
 
@@ -611,7 +611,7 @@ value = 0
 def test_forces_that_cancel_are_in_balance(parse):
     """The load, and the forces of a lower and an upper obstacle, have the sum 0 each."""
     result = solve_scene(parse(TWO), COMM)
-    summary = summarise(result, scene_boundary(result))
+    summary = summarise(result, scene_boundaries(result))
     assert np.abs(result.posed.problem.forces.x.array).max() > 0.01
     assert summary.imbalance <= 1e-7
     result.destroy()
@@ -731,7 +731,7 @@ SIDES = '[contact]\nsides = "left"\nobstacle = -0.4\n'
 @pytest.mark.parametrize("text", [TWO, TWO.replace("upper = 0.3\n", "") + SIDES])
 def test_no_label_of_a_picture_is_cut_off(text, parse):
     result = solve_scene(parse(text), COMM)
-    for name, picture in draw_scene(result, scene_boundary(result)).items():
+    for name, picture in draw_scene(result, scene_boundaries(result)).items():
         drawn = imread(io.BytesIO(picture.png()))[:, :, :3].min(axis=2)
         border = np.concatenate((drawn[[0, -1]].ravel(), drawn[:, [0, -1]].ravel()))
         assert border.min() == 1.0, name

@@ -39,7 +39,7 @@ def test_problem_3_converges_with_the_orders_of_the_paper(comm, demos):
 def test_contact_set_and_detachment_point_are_found_to_a_cell(n, comm, demos):
     scene = replace(load_scene(demos / "mixed.toml", comm), domain=Square(n))
     result = solve_scene(scene, comm)
-    summary = summarise(result, gather_contact_boundary(result.posed.problem))
+    summary = summarise(result, [gather_contact_boundary(result.posed.problem)])
     result.destroy()
     assert summary.boundary_size == pytest.approx(1.0)
     assert summary.contact_size == pytest.approx(0.5, abs=1.0 / n)
@@ -166,7 +166,7 @@ def test_forces_balance_and_the_number_of_ranks_does_not_show(name, comm, demos)
     summaries = []
     for group in (comm, type(comm)(comm.Split(comm.rank, 0))):
         result = solve_scene(scene, group)
-        summaries.append(vars(summarise(result, gather_contact_boundary(result.posed.problem))))
+        summaries.append(vars(summarise(result, [gather_contact_boundary(result.posed.problem)])))
         result.destroy()
     together, alone = summaries
     assert together["imbalance"] <= 1e-7

@@ -1,6 +1,7 @@
 """The files of a solved scene: fields for ParaView, CSV, pictures, the record, the report."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,8 @@ from dolfinx_signorini.base.tables import csv_table
 from dolfinx_signorini.data.formulas import COORDINATES
 from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
 from dolfinx_signorini.scenes.output.fields import write_fields
-from dolfinx_signorini.scenes.output.folder import RECORD
-from dolfinx_signorini.scenes.output.pictures import boundary_beside, draw_scene
+from dolfinx_signorini.scenes.output.folder import FILES, RECORD
+from dolfinx_signorini.scenes.output.pictures import draw_scene
 from dolfinx_signorini.scenes.output.report import write_report
 from dolfinx_signorini.scenes.output.summary import Summary
 from dolfinx_signorini.scenes.solving import SceneResult
@@ -22,7 +23,7 @@ from dolfinx_signorini.scenes.solving import SceneResult
 def write_results(
     result: SceneResult,
     summary: Summary,
-    boundary: ContactBoundary | None,
+    boundaries: Sequence[ContactBoundary | None],
     outputs: tuple[str, ...],
     folder: Path,
 ) -> None:
@@ -31,23 +32,21 @@ def write_results(
     Args:
         result: The solved scene.
         summary: The numbers of the result.
-        boundary: The contact boundary of the scene, on rank 0.
+        boundaries: Where its obstacles are, see `scene_boundaries`.
         outputs: Which of `OUTPUTS` to write; the record comes with all of them.
         folder: Where to write.
     """
     if "fields" in outputs:
         write_fields(result, folder)
     drawn = {"pictures", "report"} & set(outputs)
-    figures = draw_scene(result, boundary, summary.detachment_points) if drawn else {}
-    beside = boundary_beside(result) if "boundary" in outputs else None
+    figures = draw_scene(result, boundaries, summary.detachment_points) if drawn else {}
 
     def write() -> None:
-        assert boundary is not None  # rank 0 has the boundary
         record = make_record(result, summary)
         if "boundary" in outputs:
-            write_file(folder / "boundary.csv", boundary_csv(boundary))
-            if beside is not None:
-                write_file(folder / "contact_boundary.csv", boundary_csv(beside))
+            for name, boundary in zip(FILES["boundary"], boundaries, strict=False):
+                assert boundary is not None  # rank 0 has all of them
+                write_file(folder / name, boundary_csv(boundary))
         images = {name: figure.png() for name, figure in figures.items()}
         if "pictures" in outputs:
             for name, image in images.items():

@@ -20,44 +20,39 @@ from dolfinx_signorini.scenes.files.toml_table import ALL
 from dolfinx_signorini.scenes.solving import SceneResult
 
 
-def scene_boundary(result: SceneResult) -> ContactBoundary | None:
-    """Return where the obstacle of a scene is on rank 0, None on the others; collective.
+def scene_boundaries(result: SceneResult) -> list[ContactBoundary | None]:
+    """Return where the obstacles of a scene are on rank 0, None on the others; collective.
 
-    A contact boundary has the names of its sides. Of a scene with obstacles in the domain and on
-    the boundary the cells are returned, see `boundary_beside`.
+    These are the cells with an obstacle, or the contact boundary with the names of its sides; of a
+    scene with obstacles in the domain and on the boundary first the former, then the latter.
     """
-    problem = result.posed.problem
-    zone = problem.zones[0]
-    if zone.in_domain:
-        return gather_contact_region(zone)
-    return gather_contact_boundary(zone.along_direction, _sides(result))
-
-
-def boundary_beside(result: SceneResult) -> ContactBoundary | None:
-    """Return the contact boundary of a scene that has obstacles in the domain, too; collective.
-
-    On rank 0; None on the others, and for scenes without such a boundary.
-    """
-    zones = result.posed.problem.zones
-    return gather_contact_boundary(zones[1], _sides(result)) if len(zones) > 1 else None
+    sides = _sides(result)
+    return [
+        gather_contact_region(zone)
+        if zone.in_domain
+        else gather_contact_boundary(zone.along_direction, sides)
+        for zone in result.posed.problem.zones
+    ]
 
 
 def draw_scene(
-    result: SceneResult, boundary: ContactBoundary | None, points: Sequence[Sequence[float]] = ()
+    result: SceneResult,
+    boundaries: Sequence[ContactBoundary | None],
+    points: Sequence[Sequence[float]] = (),
 ) -> dict[str, Picture]:
     """Return the pictures of a solved scene by name; none on all ranks but 0.
 
     Args:
         result: The solved scene; the call is collective.
-        boundary: The contact boundary of the scene, on rank 0.
+        boundaries: Where its obstacles are, see `scene_boundaries`.
         points: The detachment points of the scene, to be marked.
     """
     problem = result.posed.problem
     solid = problem.in_domain and result.posed.scene.domain.dimension == 3
     drawn = ("solution",) if solid else ("solution", "contact")
-    figures = {what: _drawn(result, what, boundary, points) for what in drawn}
-    beside = boundary_beside(result)
-    figures["contact_boundary"] = None if beside is None else draw_contact(beside)
+    figures = {what: _drawn(result, what, boundaries[0], points) for what in drawn}
+    for beside in boundaries[1:]:
+        figures["contact_boundary"] = None if beside is None else draw_contact(beside)
     figures["accuracy"] = None if result.found is None else draw_adaptive(result.found)
     return {name: figure for name, figure in figures.items() if figure is not None}
 
@@ -73,7 +68,7 @@ def draw_result(result: SceneResult, what: str) -> Picture | None:
         InputError: There is no such picture.
     """
     check(what=(what, choice(*PICTURES)))
-    return _drawn(result, what, scene_boundary(result))
+    return _drawn(result, what, scene_boundaries(result)[0])
 
 
 def _drawn(

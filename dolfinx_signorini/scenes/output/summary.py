@@ -26,7 +26,6 @@ from dolfinx_signorini.pictures.contact_boundary import ContactBoundary
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.detachment import ALIKE, DetachmentPoint, detachment_points
 from dolfinx_signorini.scenes.bounds import bound_of_scene
-from dolfinx_signorini.scenes.output.pictures import boundary_beside
 from dolfinx_signorini.scenes.posing import PosedScene
 from dolfinx_signorini.scenes.regularity import point_text
 from dolfinx_signorini.scenes.solving import SceneResult
@@ -43,7 +42,7 @@ class Summary:
 
     For example:
 
-        summary = summarise(result, scene_boundary(result))
+        summary = summarise(result, scene_boundaries(result))
         print(listing(lines(summary)))
 
     Attributes:
@@ -96,29 +95,27 @@ class Summary:
 
 
 def summarise(
-    result: SceneResult, boundary: ContactBoundary | None, bound: bool = False
+    result: SceneResult, boundaries: Sequence[ContactBoundary | None], bound: bool = False
 ) -> Summary:
     """Return the numbers of a solved scene; the call is collective.
 
     Args:
         result: The solved scene.
-        boundary: The contact boundary of the scene, or its cells with obstacles, on rank 0.
+        boundaries: Where its obstacles are, see `scene_boundaries`.
         bound: Whether to compute the proven bound of the energy error.
     """
     problem, scene, exact = result.posed.problem, result.posed.scene, result.posed.exact
     domain = problem.space.mesh
     points: list[DetachmentPoint] = []
-    zone, several = problem.zones[-1], len(problem.zones) > 1
+    zone = problem.zones[-1]
     one_sided = len(zone.obstacles) == 1 and not zone.in_domain
     if one_sided and scene.domain.dimension == 2:
         points = detachment_points(zone)  # type: ignore[arg-type]
         order = by_place([point.position for point in points], digits=ALIKE)
         points = [points[k] for k in order]  # whatever the error of the solve
-    beside = boundary_beside(result)
-    contact_size, undecided_size, boundary_size = domain.comm.bcast(
-        _sizes(boundary, [] if several else points)
-    )
-    forces, body = forces_on(result.posed), _largest_values(result.posed, boundary)
+    sizes = domain.comm.bcast([_sizes(boundary, points) for boundary in boundaries])
+    contact_size, undecided_size, boundary_size = sizes[0]
+    forces, body = forces_on(result.posed), _largest_values(result.posed, boundaries[0])
     proven = _bound(result) if bound else {}
     result.phases.lap("summary")
     errors = {} if exact is None else _errors(result.u, exact, scene.norms)
@@ -129,7 +126,7 @@ def summarise(
         contact_size=contact_size,
         undecided_size=undecided_size,
         boundary_size=boundary_size,
-        beside=domain.comm.bcast(_sizes(beside, points)) if several else None,
+        beside=sizes[1] if len(sizes) > 1 else None,
         detachment_points=tuple(point.position for point in points),
         uncertainties=tuple(point.uncertainty for point in points),
         forces=forces,
