@@ -27,6 +27,7 @@ from dolfinx_signorini.base.errors import InputError, together
 from dolfinx_signorini.base.logs import Progress, log
 
 T = TypeVar("T")
+Row = dict[str, Any]  # of a table: entries by name, as JSON has them
 
 ROWS = "rows.jsonl"  # the records file of a job
 
@@ -70,11 +71,11 @@ class Records:
         self, comm: MPI.Comm, path: Path, settings: Mapping[str, Any], keys: Sequence[str] = ()
     ):
         self.comm, self.path = comm, path
-        self.rows: list[dict[str, Any]] = on_first(
+        self.rows: list[Row] = on_first(
             comm, path.parent, lambda: _open(path, json.loads(json.dumps(settings)), keys)
         )
 
-    def row(self, wanted: Wanted) -> dict[str, Any]:
+    def row(self, wanted: Wanted) -> Row:
         """Return the finished row that is wanted, or compute and add the row."""
         row = self.finished(wanted.key)
         if row is not None:
@@ -83,7 +84,7 @@ class Records:
         self.append({**wanted.key, **wanted.compute()})
         return self.rows[-1]
 
-    def table(self, task: str, wanted: Sequence[Wanted]) -> list[dict[str, Any]]:
+    def table(self, task: str, wanted: Sequence[Wanted]) -> list[Row]:
         """Return rows in their order, and tell how far those are that have to be computed.
 
         Args:
@@ -98,7 +99,7 @@ class Records:
                 progress.advance(done)
         return rows
 
-    def finished(self, key: Mapping[str, Any]) -> dict[str, Any] | None:
+    def finished(self, key: Mapping[str, Any]) -> Row | None:
         """Return the row that has some entries, or None if no such row is finished."""
         return next((row for row in self.rows if key.items() <= row.items()), None)
 
@@ -261,7 +262,7 @@ def folder_name(text: str) -> Path:
     return Path(text)
 
 
-def _open(path: Path, settings: dict[str, Any], keys: Sequence[str]) -> list[dict[str, Any]]:
+def _open(path: Path, settings: Row, keys: Sequence[str]) -> list[Row]:
     """Return the finished rows of a records file, and drop an unfinished one from the file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if not path.exists() or path.stat().st_size == 0:
@@ -286,7 +287,7 @@ def _open(path: Path, settings: dict[str, Any], keys: Sequence[str]) -> list[dic
     return entries[1:]
 
 
-def _entries(path: Path, lines: Sequence[bytes], keys: Sequence[str]) -> list[dict[str, Any]]:
+def _entries(path: Path, lines: Sequence[bytes], keys: Sequence[str]) -> list[Row]:
     """Return the object of every line; all but the first must have some keys."""
     entries = []
     for number, line in enumerate(lines, start=1):

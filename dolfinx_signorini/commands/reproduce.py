@@ -3,7 +3,6 @@
 import argparse
 import json
 from pathlib import Path
-from typing import Any
 
 from mpi4py import MPI
 
@@ -11,6 +10,7 @@ from dolfinx_signorini.base.costs import Cost, cost_text
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.logs import Progress, log, say
 from dolfinx_signorini.base.records import (
+    Row,
     check_outputs,
     on_first,
     remove_outputs,
@@ -100,7 +100,7 @@ def _settings(args: argparse.Namespace) -> StudySettings:
 
 def _write(
     folder: Path,
-    rows: list[dict[str, Any]],
+    rows: list[Row],
     settings: StudySettings,
     picture: pictures.PaperPicture | None,
 ) -> None:

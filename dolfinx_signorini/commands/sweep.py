@@ -17,6 +17,7 @@ from dolfinx_signorini.base.logs import Progress, log
 from dolfinx_signorini.base.records import (
     ROWS,
     Records,
+    Row,
     check_outputs,
     on_first,
     remove_outputs,
@@ -35,7 +36,6 @@ from dolfinx_signorini.scenes.solving import solve_scene
 PICTURE, TABLE = "sweep", "sweep.csv"
 OUTPUTS = (TABLE, *picture_files([PICTURE]))
 FAILED = "not solved"  # the column that says why a row has no numbers
-Row = dict[str, Any]
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -8,12 +8,11 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.logs import Progress, log, say
-from dolfinx_signorini.base.records import check_outputs, on_first, write_file
+from dolfinx_signorini.base.records import Row, check_outputs, on_first, write_file
 from dolfinx_signorini.commands.options import add_out
 from dolfinx_signorini.pictures.picture import picture_files
 from dolfinx_signorini.studies.paper.theory.examples import paper_example
 from dolfinx_signorini.studies.paper.theory.families import (
-    Row,
     discretise,
     experiments,
     run_experiments,

@@ -9,14 +9,14 @@ from mpi4py import MPI
 
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.base.logs import Progress, log
-from dolfinx_signorini.base.records import ROWS, Records, check_outputs, on_first
+from dolfinx_signorini.base.records import ROWS, Records, Row, check_outputs, on_first
 from dolfinx_signorini.commands.options import add_out
 from dolfinx_signorini.meshes.quadrature import QuadratureRule
 from dolfinx_signorini.norms.names import listed_norms
 from dolfinx_signorini.scenes import Scene, load_scene
 from dolfinx_signorini.scenes.expectations import check_norms, expect
 from dolfinx_signorini.studies.paper.solution import PAPER_RULE, paper_family
-from dolfinx_signorini.studies.tradeoff.comparing import Row, accuracies, compared
+from dolfinx_signorini.studies.tradeoff.comparing import accuracies, compared
 from dolfinx_signorini.studies.tradeoff.family import Family, scene_family
 from dolfinx_signorini.studies.tradeoff.grid import adapted_kinds, finer_configuration, grid, ladder
 from dolfinx_signorini.studies.tradeoff.measuring import Meter

@@ -4,13 +4,12 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from mpi4py import MPI
 
 from dolfinx_signorini.base.costs import Cost
 from dolfinx_signorini.base.logs import log
-from dolfinx_signorini.base.records import ROWS, Records, Wanted
+from dolfinx_signorini.base.records import ROWS, Records, Row, Wanted
 from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.studies import TIGHT_RTOL
 from dolfinx_signorini.studies.paper.sampling import H1_2, LINF, W1_INF, paper_errors
@@ -47,7 +46,7 @@ class StudySettings:
 
 def run_study(
     comm: MPI.Comm, cells: Sequence[int], settings: StudySettings, folder: Path
-) -> list[dict[str, Any]]:
+) -> list[Row]:
     """Solve the paper's problem on Friedrichs-Keller meshes and measure the errors.
 
     Finished rows are appended to `rows.jsonl` in the folder; rows found in this file are not
@@ -71,7 +70,7 @@ def run_study(
     return records.table("table", rows)
 
 
-def _row(comm: MPI.Comm, n: int, settings: StudySettings) -> dict[str, Any]:
+def _row(comm: MPI.Comm, n: int, settings: StudySettings) -> Row:
     """Compute one row."""
     log.debug("N = %d", n)
     method, rtol = settings.method, settings.rtol

@@ -4,10 +4,10 @@ Functions of a norm, given by its name, take rows that are compared in this norm
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import fields
-from typing import Any
 
+from dolfinx_signorini.base.records import Row
 from dolfinx_signorini.norms.orders import (
     DETACHMENT_EXPONENT,
     SMOOTH,
@@ -17,7 +17,6 @@ from dolfinx_signorini.norms.orders import (
 from dolfinx_signorini.studies.tradeoff.family import KINDS, UNIFORM_P1, Kind
 from dolfinx_signorini.studies.tradeoff.runs import Configuration
 
-Row = Mapping[str, Any]
 Table = tuple[Sequence[str], Sequence[Sequence[str]]]
 
 FEWEST = 4  # rows of which the slope is taken

@@ -20,9 +20,8 @@ from typing import Any
 from mpi4py import MPI
 
 from dolfinx_signorini.base.logs import log
-from dolfinx_signorini.base.records import Records, Wanted
+from dolfinx_signorini.base.records import Records, Row, Wanted
 from dolfinx_signorini.norms.error_norms import error_norms
-from dolfinx_signorini.studies.tradeoff.comparing import Row
 from dolfinx_signorini.studies.tradeoff.family import Family
 from dolfinx_signorini.studies.tradeoff.runs import (
     COARSEST,
@@ -114,7 +113,7 @@ class Meter:
         log.info("%s: %s, %s, rtol %s  %.3f s", *told)
         return row
 
-    def _row(self, c: Configuration, repeats: int) -> dict[str, Any]:
+    def _row(self, c: Configuration, repeats: int) -> Row:
         """Solve some times; return cost and errors."""
         samples, totals = list[dict[str, float]](), list[float]()
         run: Run | None = None
@@ -142,7 +141,7 @@ class Meter:
         run.destroy()
         return row
 
-    def _errors(self, run: Run) -> dict[str, Any]:
+    def _errors(self, run: Run) -> Row:
         """The errors of a run, in the norm that its mesh is adapted for or in all norms."""
         norm, start = run.configuration.norm, time.perf_counter()
         errors = error_norms(

@@ -5,10 +5,11 @@ from typing import Any
 
 from matplotlib.lines import Line2D
 
+from dolfinx_signorini.base.records import Row
 from dolfinx_signorini.meshes.elements import HIGHEST_DEGREE
 from dolfinx_signorini.pictures.palette import COLOURS, curve_style
 from dolfinx_signorini.pictures.picture import Picture
-from dolfinx_signorini.studies.tradeoff.comparing import Row, describe, of_kind, pareto_front, slope
+from dolfinx_signorini.studies.tradeoff.comparing import describe, of_kind, pareto_front, slope
 from dolfinx_signorini.studies.tradeoff.family import KINDS, MESHES, Kind
 
 LINES = dict(zip(MESHES, (("o", "-"), ("s", "--"), ("^", ":")), strict=True))

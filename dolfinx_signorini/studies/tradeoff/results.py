@@ -6,12 +6,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from dolfinx_signorini.base.records import versions, write_file
+from dolfinx_signorini.base.records import Row, versions, write_file
 from dolfinx_signorini.base.tables import csv_table, markdown_table, text_table
 from dolfinx_signorini.pictures.picture import Picture, picture_files
 from dolfinx_signorini.studies.tradeoff import plots
 from dolfinx_signorini.studies.tradeoff.comparing import (
-    Row,
     compared,
     describe,
     order_table,

@@ -9,11 +9,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from dolfinx_signorini.base.records import Row
 from dolfinx_signorini.norms.orders import eoc
 
 ROUNDING = 1e-9  # of an inequality; linear systems are solved to 1e-11
 
-Row = Mapping[str, Any]
 Rows = Mapping[str, Sequence[Row]]
 Value = Callable[[Any], Any]
 Figures = Sequence[tuple[int, float]]  # cells per side and value, mesh by mesh

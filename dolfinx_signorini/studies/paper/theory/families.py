@@ -14,7 +14,7 @@ from dolfinx import mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.base.logs import log
-from dolfinx_signorini.base.records import ROWS, Records, Wanted
+from dolfinx_signorini.base.records import ROWS, Records, Row, Wanted
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.norms.fractional import SAMPLES
 from dolfinx_signorini.problem.signorini import SignoriniProblem
@@ -27,7 +27,6 @@ from dolfinx_signorini.studies.paper.theory.dual import EPSILONS
 from dolfinx_signorini.studies.paper.theory.examples import EXAMPLES, Example
 from dolfinx_signorini.studies.paper.theory.mixed import PowerProblem, UnknownProblem
 
-Row = dict[str, Any]
 P = TypeVar("P", bound=SignoriniProblem)
 
 PROBLEMS: Mapping[str, Callable[..., SignoriniProblem]] = {  # without an example
