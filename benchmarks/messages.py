@@ -29,7 +29,7 @@ from dolfinx_signorini import EnergyTerms, ManufacturedSolution, energy_bound, e
 from dolfinx_signorini.scenes import load_scene
 from dolfinx_signorini.studies.paper.solution import paper_family
 from dolfinx_signorini.studies.tradeoff.family import UNIFORM_P1, Family, Kind, scene_family
-from dolfinx_signorini.studies.tradeoff.runs import Configuration, Run, solve_configuration
+from dolfinx_signorini.studies.tradeoff.runs import Configuration, Run
 
 ROOT = Path(__file__).resolve().parents[1]
 SMALL = 512  # bytes per rank: shorter calls are not shown
@@ -82,7 +82,7 @@ PARTS: dict[str, Part] = {
 def measure(part: str, size: int) -> None:
     """Run a part and print its unknowns and its collective calls."""
     make, configuration, more, _ = PARTS[part]
-    run = solve_configuration(MPI.COMM_WORLD, make(), configuration(size))
+    run = Run(MPI.COMM_WORLD, make(), configuration(size))
     more(run)
     unknowns = run.unknowns
     run.destroy()

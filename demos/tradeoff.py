@@ -11,7 +11,7 @@ from dolfinx_signorini.accuracy.steps import step_line
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.studies.paper.solution import paper_family
 from dolfinx_signorini.studies.tradeoff.family import GRADED_P2, GRADED_P4, UNIFORM_P1, UNIFORM_P2
-from dolfinx_signorini.studies.tradeoff.runs import Configuration, levels, solve_configuration
+from dolfinx_signorini.studies.tradeoff.runs import Configuration, Run, levels
 
 from mpi4py import MPI
 
@@ -21,7 +21,7 @@ problem = paper_family(detachment=(0.47123, 0.0))
 
 def show(configuration: Configuration) -> None:
     """Solve as the configuration says, and print what it cost and gave."""
-    run = solve_configuration(comm, problem, configuration)
+    run = Run(comm, problem, configuration)
     assert run.posed.exact is not None
     errors = error_norms(run.u, run.posed.exact, ["L4", "W1_4", "W1_inf"])
     if comm.rank == 0:

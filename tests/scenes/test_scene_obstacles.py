@@ -27,7 +27,7 @@ from dolfinx_signorini.scenes.output.fields import fields_of
 from dolfinx_signorini.scenes.output.pictures import draw_scene, scene_boundaries
 from dolfinx_signorini.scenes.output.summary import summarise
 from dolfinx_signorini.studies.tradeoff.family import Kind, scene_family
-from dolfinx_signorini.studies.tradeoff.runs import Configuration, solve_configuration
+from dolfinx_signorini.studies.tradeoff.runs import Configuration, Run
 
 COMM = MPI.COMM_WORLD
 # The membrane over the hemisphere: PETSc's snes ex9; Bueler, PETSc for Partial Differential
@@ -620,11 +620,11 @@ def test_forces_that_cancel_are_in_balance(parse):
 def test_the_family_of_the_trade_off_has_no_graded_meshes(parse):
     family = scene_family(parse(BALL))
     assert family.has_kind(Kind("uniform", 2)) and not family.has_kind(Kind("graded", 2))
-    run = solve_configuration(COMM, family, Configuration(Kind("uniform", 1), 16))
+    run = Run(COMM, family, Configuration(Kind("uniform", 1), 16))
     assert run.result.active_dofs == 29
     run.destroy()
     with pytest.raises(InputError, match="graded: only in the plane"):
-        solve_configuration(COMM, family, Configuration(Kind("graded", 1), 16))
+        Run(COMM, family, Configuration(Kind("graded", 1), 16))
 
 
 PLAIN = BETWEEN.replace("cells = 24", "cells = 4")

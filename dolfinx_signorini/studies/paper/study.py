@@ -15,7 +15,7 @@ from dolfinx_signorini.studies import TIGHT_RTOL
 from dolfinx_signorini.studies.paper.sampling import H1_2, LINF, W1_INF, paper_errors
 from dolfinx_signorini.studies.paper.solution import PAPER_RULE, paper_family
 from dolfinx_signorini.studies.tradeoff.family import UNIFORM_P1
-from dolfinx_signorini.studies.tradeoff.runs import Configuration, solve_configuration
+from dolfinx_signorini.studies.tradeoff.runs import Configuration, Run
 
 PAPER_NORMS = ("L4", "L16", LINF, "W1_4", "W1_16", W1_INF, H1_2)
 
@@ -77,7 +77,7 @@ def _row(comm: MPI.Comm, n: int, settings: StudySettings) -> Row:
     if rtol is None and method == "cascade":
         rtol = TIGHT_RTOL
     wanted = Configuration(UNIFORM_P1, n, method=method, rtol=rtol)
-    run, phases = solve_configuration(comm, paper_family(), wanted), Phases(comm)
+    run, phases = Run(comm, paper_family(), wanted), Phases(comm)
     with phases("errors"):
         errors = paper_errors(run.u, run.posed.exact, settings.norms)
     seconds = run.seconds | phases.seconds

@@ -29,7 +29,6 @@ from dolfinx_signorini.studies.tradeoff.runs import (
     Run,
     algebraic_errors,
     exact_solution,
-    solve_configuration,
 )
 
 ENOUGH = 1.0  # seconds after which a configuration is not timed again
@@ -103,7 +102,7 @@ class Meter:
     def _measure(self, c: Configuration) -> Row:
         """Return the row of a configuration, which compiles its forms before they are timed."""
         if self.reference is not None and self._finer is None:
-            self._finer = solve_configuration(self.comm, self._family(c.rule), self.reference)
+            self._finer = Run(self.comm, self._family(c.rule), self.reference)
         forms = (c.kind, c.norm, c.method, c.rule)
         if forms not in self._warm:
             self._row(_coarsest(c), 1)
@@ -121,7 +120,7 @@ class Meter:
             if run is not None:
                 run.destroy()
             _reset_peak()
-            run = solve_configuration(self.comm, self._family(c.rule), c)
+            run = Run(self.comm, self._family(c.rule), c)
             memory = self.comm.allreduce(_peak_bytes())
             samples.append(run.seconds)
             totals.append(run.total_seconds)

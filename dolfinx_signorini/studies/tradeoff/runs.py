@@ -82,9 +82,9 @@ class Configuration:
 
 
 class Run:
-    """A solution computed from nothing as a configuration says, see `solve_configuration`:
+    """A solution computed from nothing as a configuration says:
 
-        run = solve_configuration(comm, family, Configuration(GRADED_P2, 48))
+        run = Run(comm, family, Configuration(GRADED_P2, 48))
         print(run.unknowns, run.total_seconds, run.points)
 
     Args:
@@ -100,6 +100,10 @@ class Run:
         seconds: Wall-clock seconds of "coarse" (all levels before the last), "mesh", "forms" (to
             look up the compiled forms and to find the contact dofs), "assembly" and "solve". The
             adaptive loop has no "mesh": its meshes and estimates belong to "coarse".
+
+    Raises:
+        InputError: The configuration makes no sense for the problem.
+        NotConvergedError: The solver failed.
     """
 
     posed: Posed
@@ -108,6 +112,7 @@ class Run:
     def __init__(self, comm: MPI.Comm, family: Family, configuration: Configuration):
         self.configuration = c = configuration
         self._comm, self._family = comm, family
+        _check(c, family)
         self.points: list[DetachmentPoint] = []
         clock = Phases(comm)
         with clock("all"):
@@ -201,6 +206,19 @@ class Run:
         }
 
 
+def _check(c: Configuration, family: Family) -> None:
+    """Refuse a configuration that makes no sense for a problem."""
+    if c.n < 1:
+        raise InputError(f"a mesh needs at least one cell across, not {c.n}", "n")
+    if not 1 <= c.kind.degree <= HIGHEST_DEGREE:
+        raise InputError(f"1 to {HIGHEST_DEGREE}, not {c.kind.degree}", "degree")
+    check_method(c.method)
+    if not family.has_kind(c.kind):
+        raise InputError("only in the plane, with the obstacle on the boundary", "graded")
+    if (c.kind.mesh == "adapted") != (c.norm is not None):
+        raise InputError("for adapted meshes, and only for these", "norm")
+
+
 def levels(configuration: Configuration, dimension: int = 2) -> list[int]:
     """Return the cells across of the levels before the last, coarsest first.
 
@@ -213,31 +231,6 @@ def levels(configuration: Configuration, dimension: int = 2) -> list[int]:
         half = max(n // 2, min(n, COARSEST // 2))
         return [*coarse_levels(half, coarsest=2 * COARSEST - 1, ratio=2), half]
     return coarse_levels(n, dimension) if configuration.method == "cascade" else []
-
-
-def solve_configuration(comm: MPI.Comm, family: Family, configuration: Configuration) -> Run:
-    """Compute a solution from nothing, as a configuration says.
-
-    Args:
-        comm: The communicator that shares the mesh.
-        family: The problem.
-        configuration: Mesh, elements, method and tolerance.
-
-    Raises:
-        InputError: The configuration makes no sense for the problem.
-        NotConvergedError: The solver failed.
-    """
-    c = configuration
-    if c.n < 1:
-        raise InputError(f"a mesh needs at least one cell across, not {c.n}", "n")
-    if not 1 <= c.kind.degree <= HIGHEST_DEGREE:
-        raise InputError(f"1 to {HIGHEST_DEGREE}, not {c.kind.degree}", "degree")
-    check_method(c.method)
-    if not family.has_kind(c.kind):
-        raise InputError("only in the plane, with the obstacle on the boundary", "graded")
-    if (c.kind.mesh == "adapted") != (c.norm is not None):
-        raise InputError("for adapted meshes, and only for these", "norm")
-    return Run(comm, family, c)
 
 
 def exact_solution(run: Run, reference: Run | None) -> Reference:

@@ -28,7 +28,7 @@ from dolfinx_signorini.problem.detachment import DetachmentPoint, detachment_poi
 from dolfinx_signorini.studies.paper.solution import paper_family, paper_problem
 from dolfinx_signorini.studies.tradeoff.family import GRADED_P2, UNIFORM_P2, Kind
 from dolfinx_signorini.studies.tradeoff.grading import RADIUS, graded_mesh
-from dolfinx_signorini.studies.tradeoff.runs import Configuration, solve_configuration
+from dolfinx_signorini.studies.tradeoff.runs import Configuration, Run
 
 
 def cells(domain: mesh.Mesh) -> np.ndarray:
@@ -127,7 +127,7 @@ def test_the_detachment_point_is_extrapolated_within_an_edge(
 
 
 def test_graded_meshes_know_the_point_far_better_than_to_an_edge(comm: MPI.Comm) -> None:
-    run = solve_configuration(comm, paper_family((0.47123, 0.0)), Configuration(GRADED_P2, 96))
+    run = Run(comm, paper_family((0.47123, 0.0)), Configuration(GRADED_P2, 96))
     (point,) = run.points
     run.destroy()
     assert abs(point.position[0] - 0.47123) <= 5e-6
@@ -228,9 +228,7 @@ def test_graded_meshes_have_the_full_orders(
     sizes = {1: (40, 80), 2: (48, 96), 3: (24, 48)}[degree]
     errors = []
     for n in sizes:
-        run = solve_configuration(
-            comm, paper_family((0.47123, 0.0)), Configuration(Kind("graded", degree), n)
-        )
+        run = Run(comm, paper_family((0.47123, 0.0)), Configuration(Kind("graded", degree), n))
         errors.append(error_norms(run.u, run.posed.exact, [norm])[norm])
         run.destroy()
     assert math.log2(errors[0] / errors[1]) > 0.93 * order
@@ -239,7 +237,7 @@ def test_graded_meshes_have_the_full_orders(
 def test_uniform_meshes_do_not_have_the_full_order(comm: MPI.Comm) -> None:
     errors = []
     for n in (24, 48):
-        run = solve_configuration(comm, paper_family(), Configuration(UNIFORM_P2, n))
+        run = Run(comm, paper_family(), Configuration(UNIFORM_P2, n))
         errors.append(error_norms(run.u, run.posed.exact, ["W1_inf"])["W1_inf"])
         run.destroy()
     assert math.log2(errors[0] / errors[1]) < 0.8

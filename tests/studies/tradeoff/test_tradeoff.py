@@ -36,9 +36,9 @@ from dolfinx_signorini.studies.tradeoff.measuring import Meter
 from dolfinx_signorini.studies.tradeoff.results import result_files
 from dolfinx_signorini.studies.tradeoff.runs import (
     Configuration,
+    Run,
     exact_solution,
     levels,
-    solve_configuration,
 )
 
 SCENES = Path(__file__).parents[3] / "demos" / "scenes"
@@ -123,7 +123,7 @@ def test_rows_hold_what_was_measured(comm: MPI.Comm, folder: Path) -> None:
     rows = Meter(records, make_family, norms, repeats=2).measured(items)
     assert len(records.rows) == 2
     for measured, item in zip(rows, items, strict=True):
-        run = solve_configuration(comm, make_family(item.rule), item)
+        run = Run(comm, make_family(item.rule), item)
         errors = error_norms(run.u, exact_solution(run, None), norms)
         assert measured["unknowns"] == run.unknowns
         for norm in norms:
@@ -159,7 +159,7 @@ def test_recorded_rows_are_not_measured_again(
     def fail(*_: object) -> None:
         raise AssertionError("measured again")
 
-    monkeypatch.setattr(measuring, "solve_configuration", fail)
+    monkeypatch.setattr(measuring, "Run", fail)
     assert meter.measured(items) == both
 
 
@@ -177,7 +177,7 @@ def test_an_item_that_takes_long_is_timed_once(
 def test_the_adaptive_loop_is_charged_for_all_of_its_steps(comm: MPI.Comm) -> None:
     configuration = Configuration(Kind("adapted", 2), 4, norm="L4", accuracy=2e-3)
     start = time.perf_counter()
-    run = solve_configuration(comm, paper_family(), configuration)
+    run = Run(comm, paper_family(), configuration)
     wall = time.perf_counter() - start
     assert run.found is not None and run.found.reached
     assert run.found.seconds <= run.total_seconds <= wall
@@ -222,8 +222,8 @@ def test_the_grid_respects_its_limit() -> None:
 
 def test_a_finer_solution_stands_in_for_the_exact_one(comm: MPI.Comm) -> None:
     norms = ["L4", "Linf", "W1_4", "W1_inf"]
-    fine = solve_configuration(comm, paper_family(), Configuration(GRADED_P2, 40))
-    coarse = solve_configuration(comm, paper_family(), Configuration(UNIFORM_P1, 10))
+    fine = Run(comm, paper_family(), Configuration(GRADED_P2, 40))
+    coarse = Run(comm, paper_family(), Configuration(UNIFORM_P1, 10))
     exact = error_norms(coarse.u, coarse.posed.exact, norms)
     estimated = error_norms(coarse.u, exact_solution(coarse, fine), norms)
     for norm in norms:
@@ -233,7 +233,7 @@ def test_a_finer_solution_stands_in_for_the_exact_one(comm: MPI.Comm) -> None:
 
 
 def test_a_linear_function_is_carried_without_change(comm: MPI.Comm) -> None:
-    run = solve_configuration(comm, paper_family(), Configuration(UNIFORM_P2, 6))
+    run = Run(comm, paper_family(), Configuration(UNIFORM_P2, 6))
     run.u.interpolate(lambda x: 1.0 + x[0] - 2.0 * x[1])
     domain = friedrichs_keller(comm, 5)
     known = carried(run.u, domain)
@@ -253,9 +253,9 @@ def test_configurations_without_sense_are_refused(comm: MPI.Comm) -> None:
         (Configuration(Kind("adapted", 1), 4), "norm"),
     ):
         with pytest.raises(InputError, match=message):
-            solve_configuration(comm, paper_family(), configuration)
+            Run(comm, paper_family(), configuration)
     with pytest.raises(InputError, match="plane"):
-        solve_configuration(comm, replace(paper_family(), dimension=3), Configuration(GRADED_P2, 4))
+        Run(comm, replace(paper_family(), dimension=3), Configuration(GRADED_P2, 4))
 
 
 @pytest.mark.slow
@@ -346,7 +346,7 @@ def test_a_page_on_several_ranks_needs_rows_on_one(comm, folder, capfd):
 
 
 def test_the_phases_of_a_run_are_those_of_its_last_solve(comm):
-    run = solve_configuration(comm, paper_family(), Configuration(UNIFORM_P1, 70))
+    run = Run(comm, paper_family(), Configuration(UNIFORM_P1, 70))
     own = sum(run.result.seconds.values())
     run.destroy()
     assert run.seconds["solve"] >= 0.999 * own
