@@ -35,7 +35,8 @@ from dolfinx_signorini.base.tolerances import (
     SOLVED,
     TINY,
 )
-from dolfinx_signorini.meshes.sided_meshes import box
+from dolfinx_signorini.meshes.elements import constants
+from dolfinx_signorini.meshes.sided_meshes import box, owned_cells
 from dolfinx_signorini.solvers.loose import Loose
 from dolfinx_signorini.solvers.motions import motions_of, owned_places
 from dolfinx_signorini.solvers.system import Layout, System
@@ -60,22 +61,24 @@ def loose_motions(a: ufl.Form, A: PETSc.Mat, layout: Layout, diagonal: Array) ->
     """
     if layout.block == 1 and _held_in_all_cells(A, layout, diagonal):
         return Loose.nothing(layout.space.mesh.comm)
-    motions, parts, fixed = motions_of(layout), layout.components, layout.fixed_dofs
-    comm, numbers = layout.space.mesh.comm, np.repeat(parts.numbers, layout.block)
+    parts, motions, comm = layout.components, motions_of(layout), layout.space.mesh.comm
+    counts = np.full(parts.count, motions.shape[1], dtype=np.int32)
+    every = Loose(comm, counts, np.repeat(parts.numbers, layout.block), motions)
+    at_data = np.zeros_like(motions)
+    at_data[layout.fixed_dofs] = motions[layout.fixed_dofs]
     found: list[Array] = []
-    for k in range(parts.count):
-        own = motions * (numbers == k)[:, None]
-        total, fixing = comm.allreduce(np.stack((own.T @ own, own[fixed].T @ own[fixed])))
+    for total, fixing in zip(every.products(), every.products(at_data, at_data), strict=True):
         values, vectors = np.linalg.eigh(total)
         basis = vectors / np.sqrt(values)
         values, vectors = np.linalg.eigh(basis.T @ fixing @ basis)
-        basis = basis @ vectors[:, values <= ROUNDING] * np.sqrt(np.trace(total) / total.shape[0])
-        if basis.shape[1]:
-            basis = basis @ _without_energy(a, A, layout, diagonal, own @ basis)
-        found.append(basis)
-    motions[fixed] = 0.0
-    counts = np.full(parts.count, motions.shape[1], dtype=np.int32)
-    return Loose(comm, counts, numbers, motions).combined(found)
+        size = np.sqrt(np.trace(total) / len(total))
+        found.append(basis @ vectors[:, values <= ROUNDING] * size)
+    loose = every.combined(found)
+    if not loose:
+        return Loose.nothing(comm)
+    loose = loose.combined(_without_energy(a, A, layout, diagonal, loose))
+    loose.rows[layout.fixed_dofs] = 0.0
+    return loose
 
 
 def divided(loose: Loose, layout: Layout, weakly: bool) -> tuple[Loose, Array]:
@@ -311,53 +314,79 @@ def _products(A: PETSc.Mat, columns: Array) -> Array:
 
 
 def _without_energy(
-    a: ufl.Form, A: PETSc.Mat, layout: Layout, diagonal: Array, columns: Array
-) -> Array:
-    """The combinations of functions on which a form vanishes, as orthonormal columns.
+    a: ufl.Form, A: PETSc.Mat, layout: Layout, diagonal: Array, loose: Loose
+) -> list[Array]:
+    """For each component the combinations of motions on which a form vanishes, orthonormal columns.
 
     The matrix tells to rounding, which a fine mesh makes larger than the energy of soft springs or
     of a small reaction. Where the matrix leaves a doubt, the form itself is asked, in units of the
     energy of stretching the domain by its size, which does not depend on the mesh.
     """
-    comm = layout.space.mesh.comm
-    masked = columns.copy()
+    masked = loose.rows.copy()
     masked[layout.fixed_dofs] = 0.0
-    energies, scales = masked.T @ _products(A, masked), masked.T @ (diagonal[:, None] * masked)
-    energies, scales = comm.allreduce(np.stack((energies, scales)))
-    inverse = np.linalg.inv(np.linalg.cholesky(scales))
-    least = np.linalg.eigvalsh(inverse @ energies @ inverse.T)[0]
-    if least > SOLVED:
-        return np.empty((columns.shape[1], 0))
-    energies, stretched = _energies(a, layout, columns)
-    values, vectors = np.linalg.eigh(0.5 * (energies + energies.T))
-    return vectors[:, values <= ROUNDING * stretched]
+    by_matrix = loose.products(masked, _products(A, masked))
+    scales = loose.products(masked, diagonal[:, None] * masked)
+    result: list[Array] = [np.empty((loose.rows.shape[1], 0)) for _ in loose.counts]
+    doubtful: list[int] = []
+    for k, n in enumerate(loose.counts):
+        inverse = np.linalg.inv(np.linalg.cholesky(scales[k][:n, :n]))
+        least = np.linalg.eigvalsh(inverse @ by_matrix[k][:n, :n] @ inverse.T)
+        doubtful += [k] * bool(n and least[0] <= SOLVED)
+    if not doubtful:
+        return result
+    by_form, stretched = _energies(a, layout, loose)
+    for k in doubtful:
+        n = loose.counts[k]
+        values, vectors = np.linalg.eigh(0.5 * (by_form[k] + by_form[k].T)[:n, :n])
+        still = values <= ROUNDING * stretched
+        result[k] = np.zeros((loose.rows.shape[1], still.sum()))
+        result[k][:n] = vectors[:, still]
+    return result
 
 
-def _energies(a: ufl.Form, layout: Layout, columns: Array) -> tuple[Array, float]:
-    """The products of functions in a form, and the energy of stretching the domain by its size.
+def _energies(a: ufl.Form, layout: Layout, loose: Loose) -> tuple[Array, float]:
+    """The products of the motions of each component in a form, and the energy of stretching.
 
-    All components are stretched along all coordinates: a form may miss some of the derivatives.
+    The domain is stretched by its size, all components along all coordinates: a form may miss some
+    of the derivatives. Functions that are 1 in one cell tell the energy of each cell, so that all
+    bodies are asked at once.
     """
-    space, comm = layout.space, layout.space.mesh.comm
-    first, second = fem.Function(space), fem.Function(space)
+    space, nodal, comm = layout.space, layout.nodal, layout.space.mesh.comm
+    first, second, parts = fem.Function(space), fem.Function(space), layout.components
     test, trial = a.arguments()
-    form = compiled.form(ufl.replace(a, {test: first, trial: second}), "form a")
+    in_cells = constants(space.mesh)
+    one = ufl.TestFunction(in_cells)
+    integrals = [
+        each.reconstruct(
+            integrand=each.integrand()
+            * (ufl.avg(one) if each.integral_type() == "interior_facet" else one)
+        )
+        for each in ufl.replace(a, {test: first, trial: second}).integrals()
+    ]
+    form = compiled.form(ufl.Form(integrals), "form a")
+    known = fem.Function(nodal)
+    known.x.array[: len(parts.numbers)] = parts.numbers
+    known.x.scatter_forward()
+    cells = owned_cells(space.mesh)
+    numbers = np.rint(known.x.array[nodal.dofmap.list[cells, 0]]).astype(np.int64)
 
-    def product(u: Array, v: Array) -> float:
+    def product(u: Array, v: Array) -> Array:
         for function, values in ((first, u), (second, v)):
             function.x.array[: len(values)] = values
             function.x.scatter_forward()
-        return float(comm.allreduce(fem.assemble_scalar(form)))
+        energies = compiled.assembled(form, in_cells).x.array[in_cells.dofmap.list[cells, 0]]
+        return np.asarray(comm.allreduce(np.bincount(numbers, energies, parts.count)))
 
-    own = [layout.turned_back(column) for column in columns.T]
-    places = owned_places(layout.nodal)[:, : space.mesh.geometry.dim]
+    own = [layout.turned_back(column) for column in loose.rows.T]
+    places = owned_places(nodal)[:, : space.mesh.geometry.dim]
     low, high = box(comm, places)
     stretched = 0.0
     for coordinate in ((places - low) / (high - low).max()).T:
         for unit in np.eye(layout.block):
             values = np.outer(coordinate, unit).ravel()
-            stretched += product(values, values)
-    return np.array([[product(u, v) for v in own] for u in own]), stretched
+            stretched += float(product(values, values).sum())
+    products = np.array([[product(u, v) for v in own] for u in own])
+    return np.moveaxis(products, 2, 0), stretched
 
 
 def _name(layout: Layout, component: int | None, column: Array) -> str:

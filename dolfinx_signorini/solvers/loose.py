@@ -49,6 +49,21 @@ class Loose:
         found = [np.bincount(self.numbers, values * row, len(self.counts)) for row in self.rows.T]
         return np.asarray(self.comm.allreduce(np.stack(found, axis=1)))
 
+    def products(self, u: Array | None = None, v: Array | None = None) -> list[Array]:
+        """Return the sums of products of columns over the dofs of each component; collective.
+
+        Args:
+            u, v: Columns with a row for each owned dof; the motions by default.
+
+        Returns:
+            For each component an array, shape (columns of u, columns of v).
+        """
+        u, v, count = self.rows if u is None else u, self.rows if v is None else v, len(self.counts)
+        found = np.zeros((count, u.shape[1], v.shape[1]))
+        for i, j in np.ndindex(found.shape[1:]):
+            found[:, i, j] = np.bincount(self.numbers, u[:, i] * v[:, j], count)
+        return list(self.comm.allreduce(found))
+
     def parted(self, dofs: LocalIndices) -> list[tuple[Array, Array]]:
         """Return for each component which combinations move some dofs, and which move none.
 
@@ -58,14 +73,9 @@ class Loose:
         Returns:
             Two arrays of orthonormal columns with a row for each motion.
         """
-        rows, numbers, count = self.rows[dofs], self.numbers[dofs], len(self.counts)
-        most = rows.shape[1]
-        squares = np.zeros((count, most, most))
-        for i in range(most):
-            for j in range(most):
-                squares[:, i, j] = np.bincount(numbers, rows[:, i] * rows[:, j], count)
-        found = []
-        for number, square in zip(self.counts, self.comm.allreduce(squares), strict=True):
+        some = Loose(self.comm, self.counts, self.numbers[dofs], self.rows[dofs])
+        found, most = [], self.rows.shape[1]
+        for number, square in zip(self.counts, some.products(), strict=True):
             values, vectors = np.linalg.eigh(square[:number, :number])
             whole = np.zeros((most, number))
             whole[:number] = vectors
