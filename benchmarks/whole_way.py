@@ -58,12 +58,12 @@ def linear_parts(name: str, scaled: str) -> tuple[dict[str, float], int]:
     with phases("mesh"):
         sided = scene.domain.make(comm)
     posed = pose(scene, comm, sided)
-    v = ufl.TestFunction(posed.problem.space)
     with phases("matrix"):
         matrix = fem_petsc.assemble_matrix(fem.form(posed.a))
         matrix.assemble()
     exact = {"quadrature_degree": 2 * scene.degree, "quadrature_rule": "default"}
-    terms = [f * v * dx(metadata=exact) for f, dx in posed.sources.values()]
+    parts = posed.problem.L.integrals()
+    terms = [ufl.Form([part.reconstruct(metadata=exact)]) for part in parts]
     with phases("load"):
         for term in terms:
             fem_petsc.assemble_vector(fem.form(term)).destroy()

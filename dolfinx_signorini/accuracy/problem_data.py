@@ -83,7 +83,7 @@ def integrate_piecewise(problem: BoundConstrainedProblem) -> None:
     """Let a problem have its data integrated piece by piece where they jump inside of cells.
 
     Args:
-        problem: The problem; the call is collective. The stiffness of a body stays as it is.
+        problem: The problem; the call is collective.
     """
     domain = problem.space.mesh
     a, L = piecewise(problem.a, domain), piecewise(problem.L, domain)

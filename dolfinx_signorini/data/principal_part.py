@@ -19,7 +19,6 @@ from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.data.coefficients import tensor
 from dolfinx_signorini.data.form_data import cells_of
 from dolfinx_signorini.data.formulas import ZERO, Formula, Node, nodes, together
-from dolfinx_signorini.data.interfaces.jumps import marks_projections
 from dolfinx_signorini.data.reading import more_coordinates
 from dolfinx_signorini.data.readings import Reading
 from dolfinx_signorini.meshes.points import Points
@@ -134,9 +133,8 @@ def principal_part(a: ufl.Form) -> PrincipalPart | None:
         return None
     leaves = {n for part in found for root in set(part.flat) for n in nodes(root)}
     used = {int(n.value) for n in leaves if n.op == "coordinate"}
-    # Projections jump between cells, unlike the formula that they stand for.
     functions = tuple(
-        (f, marks_projections(f) or used.isdisjoint(int(n.value) for n in components.flat))
+        (f, used.isdisjoint(int(n.value) for n in components.flat))
         for f, components in more_coordinates(dim, a.coefficients()).items()
     )
     part = PrincipalPart(space.mesh, tuple(found), tuple(cells), functions)

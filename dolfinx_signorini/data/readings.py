@@ -16,8 +16,9 @@ from typing import Any, TypeVar
 import numpy as np
 import ufl
 from ufl.algorithms.check_arities import ArityMismatch, check_integrand_arity
+from ufl.classes import Grad
 from ufl.core.expr import Expr
-from ufl.corealg.traversal import traverse_unique_terminals
+from ufl.corealg.traversal import traverse_unique_terminals, unique_pre_traversal
 
 from dolfinx_signorini.base.sums_of_squares import summands
 from dolfinx_signorini.data.formulas import ZERO, Formula
@@ -81,6 +82,18 @@ class Reading:
             return any(isinstance(part, ufl.FacetNormal) for part in parts)
 
         return self.once(("normals", place), found)
+
+    def orders(self, place: Place) -> set[int]:
+        """Return the orders of derivatives, 0 and 1, that a summand has of the arguments."""
+
+        def found() -> set[int]:
+            term, arguments = self.terms[place[0]][place[1]], self.form.arguments()
+            every = unique_pre_traversal(term)
+            parents = [part for part in every if any(a in arguments for a in part.ufl_operands)]
+            bare = {0} if term in arguments else set[int]()
+            return bare | {int(isinstance(part, Grad)) for part in parents}
+
+        return self.once(("orders", place), found)
 
     def is_linear_in_normals(self, place: Place) -> bool:
         """Return whether a summand is the sum of components of the normal, each with a factor."""

@@ -23,6 +23,7 @@ from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.base.sums_of_squares import is_sum_of_squares
 from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.base.tolerances import FAR
+from dolfinx_signorini.data.interfaces.piecewise_forms import by_data
 from dolfinx_signorini.problem import checks, held
 from dolfinx_signorini.problem.constraint import Constraint
 from dolfinx_signorini.problem.directions import Directions, scalar_space
@@ -58,7 +59,8 @@ class Assembly:
         phases: The seconds of the phases so far.
         directions: The directions of the obstacle, where the unknowns are vectors; else None.
         total_load: L(1), the sum of the load on all basis functions.
-        assembled: The forms a and L that are assembled, which `integrated` may have replaced.
+        assembled: The forms a and L that are assembled: with rules in place of those that follow
+            the data, and those that `integrated` has put in their places.
     """
 
     total_load: float
@@ -103,7 +105,6 @@ class Assembly:
             self._look_up()
             self._watch_a, self._watch_L = Watch(a), Watch(L)
             self.owners: list[LocalIndices] = []
-            self._replaced = False  # whether other forms are assembled than the given ones
             self._due = False, False  # whether matrix and load are to be assembled again
 
     def _look_up(self) -> None:
@@ -114,11 +115,14 @@ class Assembly:
 
     def _take(self, a: ufl.Form, L: ufl.Form) -> None:
         """Take forms, both or none of them."""
+        a, L = by_data(a), by_data(L)
         made = (
             compiled.form(a, "form a", **self._options),
             compiled.form(L, "load", **self._options),
         )
         (self._a, self._L), self.assembled = made, (a, L)
+        # Whether forms are assembled that were made of the present data.
+        self._replaced = any(x is not y for x, y in zip(self.assembled, self._forms, strict=True))
 
     def system(self) -> System:
         """Assemble the system.
@@ -150,7 +154,7 @@ class Assembly:
         self._due = self._due[0] or changed[0], self._due[1] or any(changed)
         if self._replaced and (matrix or any(changed)):  # the forms were made of other data
             self._take(*self._forms)
-            self._replaced, self._due = False, (True, True)
+            self._due = True, True
         fresh, load = self._due
         moved = bool((data != old.fixed_values).any())
         if not anywhere(self.comm, load or moved):
@@ -174,7 +178,6 @@ class Assembly:
         self._due = self._due[0] or any(changed) or a is not None, True
         with self.phases("forms"):
             self._take(a or known[0], L or known[1])
-        self._replaced = True
         return self.renewed(old)
 
     def has_changed(self) -> bool:
@@ -361,7 +364,7 @@ class Assembly:
 
     def _loose(self, A: PETSc.Mat, diagonal: Array) -> tuple[Loose, Array]:
         """Return the motions on which the form vanishes: those that contact holds, and others."""
-        loose = held.loose_motions(self._forms[0], A, self.layout, diagonal)
+        loose = held.loose_motions(self.assembled[0], A, self.layout, diagonal)
         if self.layout.frame is None or not loose:
             return loose, np.empty((len(diagonal), 0))
         loose, free = held.divided(loose, self.layout, self._held_weakly)

@@ -1,7 +1,10 @@
 """The discrete problem of a scene, with the forms and data that the scene mentions."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
+from typing import Any
 
 import numpy as np
 import ufl
@@ -15,9 +18,7 @@ from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.derivatives import load_and_current
 from dolfinx_signorini.data.formulas import Formula
-from dolfinx_signorini.data.interfaces.jumps import integrable
-from dolfinx_signorini.data.interfaces.rules import CellMeasure, facet_rule, measure_for
-from dolfinx_signorini.data.interfaces.singular_sets import jumps
+from dolfinx_signorini.data.interfaces.piecewise_forms import BY_DATA
 from dolfinx_signorini.meshes.elements import bernstein_space
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
@@ -36,7 +37,7 @@ from dolfinx_signorini.scenes.files.condition import BoundaryCondition, Setting
 from dolfinx_signorini.scenes.files.conditions import CONDITIONS, Contact, Neumann
 from dolfinx_signorini.scenes.files.scene import Scene
 
-Terms = dict[str, tuple[Expr, CellMeasure]]
+Forms = dict[str, ufl.Form]
 FacetTerms = list[tuple[str, Expr, LocalIndices]]
 
 
@@ -44,12 +45,11 @@ FacetTerms = list[tuple[str, Expr, LocalIndices]]
 class PosedScene:
     """A scene on one mesh: the problem with the exact solution, and their parts.
 
-    The forms are those of u, for lower and for upper obstacles:
+    The forms are those of u, for lower and for upper obstacles, as they are integrated:
 
         posed = pose(scene, comm)
         u = posed.problem.solve()
-        v = ufl.TestFunction(posed.problem.space)
-        load = sum(integrand * v * measure for integrand, measure in posed.sources.values())
+        work = {name: ufl.action(form, u) for name, form in posed.sources.items()}
 
     Attributes:
         problem: The discrete problem.
@@ -57,10 +57,9 @@ class PosedScene:
         scene: The scene.
         sided: The mesh with its sides.
         parts: See `boundary_parts`.
-        a, L: The forms of the problem.
-        sources: The load and the fluxes by name: an integrand, and the measure of the part of the
-            domain or of its boundary that the integral is over.
-        reactions: The same for c, where a has an integral of c u v.
+        sources: The load and the fluxes by name, the linear forms whose sum is L.
+        reactions: The parts of a that have the coefficients c of u v, by name, with the integrals
+            of derivatives over the same cells: of constants these are 0.
     """
 
     problem: BoundConstrainedProblem
@@ -68,10 +67,18 @@ class PosedScene:
     scene: Scene
     sided: SidedMesh
     parts: dict[type[BoundaryCondition], LocalIndices]
-    a: ufl.Form
-    L: ufl.Form
-    sources: Terms
-    reactions: Terms
+    sources: Forms
+    reactions: Forms
+
+    @property
+    def a(self) -> ufl.Form:
+        """The bilinear form."""
+        return self.problem.assembled_forms[0]
+
+    @property
+    def L(self) -> ufl.Form:
+        """The linear form."""
+        return self.problem.assembled_forms[1]
 
 
 def pose(scene: Scene, comm: MPI.Comm, sided: SidedMesh | None = None) -> PosedScene:
@@ -94,17 +101,17 @@ def pose(scene: Scene, comm: MPI.Comm, sided: SidedMesh | None = None) -> PosedS
     shape = () if scene.components == 1 else (scene.components,)
     space = bernstein_space(sided.mesh, scene.degree, shape)
     setting = Setting(sided, space, _exact_solution(scene, sided))
-    both = zip(_cell_terms(scene, setting), _facet_terms(scene, setting, parts), strict=True)
+    both = zip(_on_cells(scene, setting), _on_facets(scene, setting, parts), strict=True)
     sources, reactions = (on_cells | on_facets for on_cells, on_facets in both)
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     if scene.elasticity is None:
-        a = _diffusion_form(scene, setting, u, v)
+        K = diffusion(scene, setting.x)
+        current = ufl.grad(u) if K is None else K * ufl.grad(u)
+        stiffness = ufl.inner(current, ufl.grad(v)) * setting.dx
     else:
-        a = scene.elasticity.form(setting, u, v)
-    for c, measure in reactions.values():
-        a += c * u * v * measure
-    loads = [ufl.dot(integrand, v) * measure for integrand, measure in sources.values()]
-    L = sum(loads[1:], loads[0]) if loads else _zero_form(v)
+        stiffness = scene.elasticity.form(setting, u, v)
+    a = sum(reactions.values(), stiffness)
+    L = reduce(add, sources.values()) if sources else _zero_form(v)
     conditions = [condition.dirichlet(setting) for condition in scene.conditions]
     given = setting, a, L, [bc for bc in conditions if bc is not None]
     if scene.obstacle is not None:
@@ -113,7 +120,10 @@ def pose(scene: Scene, comm: MPI.Comm, sided: SidedMesh | None = None) -> PosedS
     else:
         assert scene.contact is not None
         problem = scene.contact.problem(*given)
-    return PosedScene(problem, setting.exact, scene, sided, parts, a, L, sources, reactions)
+    a, L = problem.assembled_forms
+    loads = {name: _part(L, form) for name, form in sources.items()}
+    terms = {name: _part(a, form) for name, form in reactions.items()}
+    return PosedScene(problem, setting.exact, scene, sided, parts, loads, terms)
 
 
 def violations(scene: Scene, sided: SidedMesh) -> list[str]:
@@ -165,42 +175,29 @@ def _exact_solution(scene: Scene, sided: SidedMesh) -> ManufacturedSolution | No
         return None
     x = ufl.SpatialCoordinate(sided.mesh)
     reaction = None if scene.reaction is None else scene.reaction.ufl(x)
-    K = diffusion(scene, lambda entry: entry.ufl(x))
-    return manufacture(sided.mesh, scene.solution.ufl(x), K, reaction)
+    return manufacture(sided.mesh, scene.solution.ufl(x), diffusion(scene, x), reaction)
 
 
-def diffusion(scene: Scene, value: Callable[[Formula], Expr]) -> Expr | None:
-    """Return the diffusion of a scene, made of expressions of its entries; None for 1."""
-    rows = [[value(entry) for entry in row] for row in scene.diffusion]
+def diffusion(scene: Scene, x: Expr) -> Expr | None:
+    """Return the diffusion of a scene, an expression of the coordinates x; None for 1."""
+    rows = [[entry.ufl(x) for entry in row] for row in scene.diffusion]
     if len(rows) <= 1:
         return rows[0][0] if rows else None
     return ufl.as_matrix(rows)
 
 
-def _diffusion_form(scene: Scene, setting: Setting, u: Expr, v: Expr) -> ufl.Form:
-    degree = 2 * (scene.degree - 1)
-    k = diffusion(scene, lambda entry: integrable(entry, setting.sided.mesh, degree))
-    entries = scene.diffusion_entries
-    dx = measure_for(setting.sided.mesh, entries, degree, scene.degree)
-    current = ufl.grad(u) if k is None else k * ufl.grad(u)
-    return ufl.inner(current, ufl.grad(v)) * dx
-
-
-def _cell_terms(scene: Scene, setting: Setting) -> tuple[Terms, Terms]:
+def _on_cells(scene: Scene, setting: Setting) -> tuple[Forms, Forms]:
     """Return the load and the reaction of the equation as sources and reactions."""
-    domain, degree = setting.sided.mesh, scene.degree
+    u, v = ufl.TrialFunction(setting.space), ufl.TestFunction(setting.space)
     if scene.elasticity is not None:
         force = scene.elasticity.load(setting)
-        return {} if force is None else {"body force": force}, {}
-    sources: Terms = {}
-    reactions: Terms = {}
-    formula = coefficients(scene).load
-    if formula is not None and formula.constant != 0.0:
-        load = integrable(formula, domain, degree, poles_too=not scene.manufactured)
-        sources["load"] = load, measure_for(domain, [formula], degree, degree)
+        return {} if force is None else {"body force": ufl.dot(force, v) * setting.dx}, {}
+    sources, reactions = Forms(), Forms()
+    load = coefficients(scene).load
+    if load is not None and load.constant != 0.0:
+        sources["load"] = load.ufl(setting.x) * v * setting.dx
     if scene.reaction is not None and scene.reaction.constant != 0.0:
-        c = integrable(scene.reaction, domain, 2 * degree)  # of u v
-        reactions["reaction"] = c, measure_for(domain, [scene.reaction], 2 * degree, degree)
+        reactions["reaction"] = scene.reaction.ufl(setting.x) * u * v * setting.dx
     return sources, reactions
 
 
@@ -217,20 +214,9 @@ def load_and_flux(scene: Scene) -> tuple[Formula, list[Formula]]:
     return load_and_current(scene.solution, scene.diffusion, scene.reaction, dim)
 
 
-def _exact_flux(scene: Scene, setting: Setting, facets: LocalIndices) -> Expr:
-    """The flux A grad u . n of a manufactured solution u on boundary facets."""
-    assert setting.exact is not None
-    flux, normal = setting.exact.flux, ufl.FacetNormal(setting.sided.mesh)
-    current = load_and_flux(scene)[1]
-    if not any(map(jumps, current)):
-        return flux
-    parts = [setting.on_facets(w, facets) for w in current]
-    return sum((w * normal[k] for k, w in enumerate(parts[1:], 1)), parts[0] * normal[0])
-
-
-def _facet_terms(
+def _on_facets(
     scene: Scene, setting: Setting, parts: dict[type[BoundaryCondition], LocalIndices]
-) -> tuple[Terms, Terms]:
+) -> tuple[Forms, Forms]:
     """Return what the conditions of a scene add to its sources and reactions."""
     sided = setting.sided
     loads: FacetTerms = []
@@ -238,7 +224,9 @@ def _facet_terms(
     if scene.manufactured and setting.exact is not None:
         free = facets_by_kind(parts)[Neumann.acts_like]
         if sided.mesh.comm.allreduce(len(free)):
-            loads.append((Neumann.force_name, _exact_flux(scene, setting, free), free))
+            current = ufl.as_vector([w.ufl(setting.x) for w in load_and_flux(scene)[1]])
+            flux = ufl.dot(current, ufl.FacetNormal(sided.mesh))
+            loads.append((Neumann.force_name, flux, free))
     for condition in scene.conditions:
         facets = sided.facets(condition.sides)
         load, c = condition.load(setting), condition.coefficient(setting)
@@ -247,18 +235,20 @@ def _facet_terms(
         if c is not None:
             coefficients.append((condition.force_name, c, facets))
     ds = _facet_measure(sided, [facets for _, _, facets in (*loads, *coefficients)])
-    return _numbered(loads, ds, 0), _numbered(coefficients, ds, len(loads))
+    u, v = ufl.TrialFunction(setting.space), ufl.TestFunction(setting.space)
+    fluxes = [(name, ufl.dot(load, v)) for name, load, _ in loads]
+    springs = [(name, c * u * v) for name, c, _ in coefficients]
+    return _numbered(fluxes, ds, 0), _numbered(springs, ds, len(loads))
 
 
-def _numbered(terms: FacetTerms, ds: ufl.Measure, first: int) -> Terms:
-    """Return terms on the parts of a measure, from the first part on; equal names are numbered."""
-    names = [name for name, _, _ in terms]
-    result: Terms = {}
-    for k, (name, integrand, _) in enumerate(terms):
+def _numbered(terms: Sequence[tuple[str, Expr]], ds: ufl.Measure, first: int) -> Forms:
+    """Return integrals over the parts of a measure from the first on; equal names are numbered."""
+    names, result = [name for name, _ in terms], Forms()
+    for k, (name, integrand) in enumerate(terms):
         if names.count(name) > 1:
             name = f"{name} {names[: k + 1].count(name)}"
         if not isinstance(integrand, Zero):
-            result[name] = (integrand, ds(first + k))
+            result[name] = integrand * ds(first + k)
     return result
 
 
@@ -267,8 +257,18 @@ def _facet_measure(sided: SidedMesh, parts: Sequence[LocalIndices]) -> ufl.Measu
     domain = sided.mesh
     owned = (owned_facets(domain, facets) for facets in parts)
     pairs = [(k, facet_cells(domain, facets).flatten()) for k, facets in enumerate(owned)]
-    metadata = facet_rule(domain).metadata
-    return ufl.Measure("ds", domain, subdomain_data=pairs, metadata=metadata)
+    return ufl.Measure("ds", domain, subdomain_data=pairs, metadata=BY_DATA)
+
+
+def _part(whole: ufl.Form, part: ufl.Form) -> ufl.Form:
+    """Return the integrals of a form over all cells, or over the facets that a part is over."""
+
+    def place(integral: ufl.Integral) -> tuple[str, Any]:
+        kind = integral.integral_type()  # the rules of cells may have numbers
+        return kind, None if kind == "cell" else integral.subdomain_id()
+
+    places = set(map(place, part.integrals()))
+    return ufl.Form([integral for integral in whole.integrals() if place(integral) in places])
 
 
 def _zero_form(v: Expr) -> ufl.Form:

@@ -14,9 +14,9 @@ from dolfinx_signorini.accuracy.terms import Solution, Solved
 from dolfinx_signorini.bounds import remainders
 from dolfinx_signorini.bounds.energy_bound import EnergyBound, bound_by_flux
 from dolfinx_signorini.bounds.frames import cell_frames
+from dolfinx_signorini.bounds.strong_form import strong_form
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.scenes import PosedScene
-from dolfinx_signorini.scenes.bounds import energy_terms
 
 Array = np.ndarray
 Accuracies = dict[str, tuple[float, ...]]
@@ -669,4 +669,4 @@ def values_at(u, points):
 def sampled_bound(posed: PosedScene) -> EnergyBound:
     """Return the bound of a solved scene without enclosures: data are known at points."""
     frames = cell_frames(posed.problem.space.mesh)
-    return bound_by_flux(remainders.Solved(posed.problem, energy_terms(posed), frames))
+    return bound_by_flux(remainders.Solved(posed.problem, strong_form(posed.problem), frames))

@@ -96,10 +96,7 @@ def test_translation_by_an_extension_of_the_obstacle(comm, parse):
     space = problem.space
     w = fem.Function(space)
     w.interpolate(lambda x: (-0.3 + 0.2 * np.cos(6.0 * x[0])) * (1.0 + x[1] * np.sin(x[0])))
-    v = ufl.TestFunction(space)
-    load = -ufl.action(posed.a, w)
-    for integrand, measure in posed.sources.values():
-        load += integrand * v * measure
+    load = sum(posed.sources.values(), -ufl.action(posed.a, w))
     top = fem.locate_dofs_topological(space, 1, posed.sided.sides["top"])
     data = fem.Function(space)
     data.interpolate(lambda x: 0.1 * x[0])

@@ -11,7 +11,6 @@ are divided next to a pole until the integrals over the cell do not change any m
 import functools
 import math
 from collections.abc import Iterator, Sequence
-from weakref import WeakSet
 
 import basix
 import numpy as np
@@ -34,7 +33,7 @@ from dolfinx_signorini.data.interfaces.pieces import (
     widths,
     with_reference,
 )
-from dolfinx_signorini.data.interfaces.singular_sets import NEAR_POLE, is_singular, jumps, poles
+from dolfinx_signorini.data.interfaces.singular_sets import NEAR_POLE, is_singular, poles
 from dolfinx_signorini.meshes.elements import constants
 from dolfinx_signorini.meshes.quadrature import MANY, QuadratureRule, interior_rule
 from dolfinx_signorini.meshes.sided_meshes import cell_corners, longest_side, sampled
@@ -42,45 +41,31 @@ from dolfinx_signorini.meshes.sided_meshes import cell_corners, longest_side, sa
 WIDTH = 5e-4  # of the domain: pieces that are not smooth are made smaller than that
 MOST_AT_POLES = 3000  # the same: poles along lines have more pieces
 
-_marks: WeakSet[fem.Function] = WeakSet()  # of cells with projections
 
-
-def integrable(formula: Formula, domain: mesh.Mesh, degree: int, poles_too: bool = True) -> Expr:
+def integrable(formula: Formula, domain: mesh.Mesh, degree: int) -> Expr:
     """Return a formula as an expression that quadrature rules integrate well.
 
     Args:
         formula: The formula.
         domain: A mesh of triangles or tetrahedra; the call is collective.
         degree: The degree of the polynomials with which the formula is going to be integrated.
-        poles_too: Whether poles matter: at those of data that follow from a solution, a quadrature
-            rule of many points is good enough.
 
     Returns:
         The formula itself, or where it is not smooth inside a cell, its projection on polynomials
         of the degree.
     """
     smooth = formula.ufl(ufl.SpatialCoordinate(domain))
-    if not (is_singular(formula) if poles_too else jumps(formula)):
+    if not is_singular(formula):
         return smooth
     space = fem.functionspace(domain, ("DG", degree))
     element = space.element.basix_element
-    found = Projection(formula, domain, element, cell_corners(domain), poles_too)
-    cells, values = found.coefficients()
+    cells, values = Projection(formula, domain, element, cell_corners(domain)).coefficients()
     if not domain.comm.allreduce(len(cells)):
         return smooth
     steps = constants(domain)
     marks = function_with(steps, steps.dofmap.list[cells, 0], 1.0)
-    _marks.add(marks)
     projection = function_with(space, space.dofmap.list[cells], values)
     return ufl.conditional(ufl.gt(marks, 0.5), projection, smooth)
-
-
-def marks_projections(f: fem.Function) -> bool:
-    """Return whether a function is 1 in cells with a projection in place of a formula, 0 elsewhere.
-
-    With 0 in its place everywhere, an expression has the formula itself.
-    """
-    return f in _marks
 
 
 def cut_cells(formulas: Sequence[Formula], domain: mesh.Mesh, degree: int) -> tuple[Array, Indices]:
@@ -266,10 +251,8 @@ class Projection(_Cells):
         domain: mesh.Mesh,
         element: basix.finite_element.FiniteElement,
         corners: npt.NDArray[np.floating],
-        look_for_poles: bool = True,
     ):
-        denominators = poles(formula) if look_for_poles else []
-        super().__init__(domain, corners, [formula], denominators)
+        super().__init__(domain, corners, [formula], poles(formula))
         self.formula, self.element = formula, element
         self.tested = self._rule(self._degree(0))[0]
 

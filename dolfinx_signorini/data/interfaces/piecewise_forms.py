@@ -1,35 +1,64 @@
-"""Forms whose data jump inside of cells: integrated piece by piece, or with a warning.
+"""Forms with data that jump inside of cells, and measures whose rules follow the data.
 
 Summands f v of loads and c u v of bilinear forms have projections in place of f and c, see
-`jumps.integrable`; so have the components of loads on vectors, and the entries of the diffusion A
-in grad u . A grad v. A problem that is solved without them tells where its diffusion jumps inside
-of cells, where no polynomial follows.
+`jumps.integrable`; so have the components of loads on vectors, and what is in front of derivatives:
+the diffusion A in grad u . A grad v, and the stiffness of a body.
+
+A measure may leave its rule to the data, which then get as many points as they ask for, and
+projections where points do not help:
+
+    dx = ufl.dx(domain, metadata=BY_DATA)
+
+A problem that is solved without projections tells where its diffusion jumps inside of cells, where
+no polynomial follows.
 """
 
 import math
-from collections.abc import Sequence
-from functools import reduce
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, reduce
 from itertools import product
+from operator import add, mul
 from typing import Any
 
+import numpy as np
 import ufl
 from dolfinx import mesh
 from ufl.core.expr import Expr
 
+from dolfinx_signorini.base.arrays import LocalIndices
 from dolfinx_signorini.base.logs import warn_once
 from dolfinx_signorini.base.ranks import anywhere
-from dolfinx_signorini.data.form_data import choices_in_diffusion
-from dolfinx_signorini.data.formulas import Formula
+from dolfinx_signorini.data.form_data import choices_in_diffusion, facets_of, is_everywhere
+from dolfinx_signorini.data.formulas import Formula, Node
 from dolfinx_signorini.data.interfaces.facet_jumps import integrable_on_facets, jumps_in_cells
 from dolfinx_signorini.data.interfaces.jumps import integrable
-from dolfinx_signorini.data.interfaces.rules import cell_rule, facet_rule
+from dolfinx_signorini.data.interfaces.rules import cell_rule, facet_rule, measure_for
 from dolfinx_signorini.data.interfaces.singular_sets import is_singular
 from dolfinx_signorini.data.readings import Place, Reading
-from dolfinx_signorini.meshes.sided_meshes import boundary_facets
+
+BY_DATA = {"quadrature_rule": "data"}  # the metadata of measures whose rules follow the data
+
+
+def by_data(form: ufl.Form) -> ufl.Form:
+    """Return a form with rules, and projections, for the integrals whose rules follow the data.
+
+    Args:
+        form: A linear or bilinear form; the call is collective.
+
+    Returns:
+        The same form where all measures have rules of their own.
+    """
+    if all(integral.metadata() != BY_DATA for integral in form.integrals()):
+        return form
+    every = _integrals(form)
+    return ufl.Form([new for own in every for new in (own.by_data() if own.open else [own.given])])
 
 
 def piecewise(form: ufl.Form, domain: mesh.Mesh) -> ufl.Form | None:
     """Return a form with data that jump inside of cells integrated piece by piece.
+
+    Where the data are smooth, and where the rule follows the data, the integral is the user's.
 
     Args:
         form: A linear or bilinear form.
@@ -38,123 +67,183 @@ def piecewise(form: ufl.Form, domain: mesh.Mesh) -> ufl.Form | None:
     Returns:
         The form; None where no readable datum jumps inside of a cell or facet.
     """
-    integrals, reading = [], Reading(form)
-    for i, integral in enumerate(form.integrals()):
-        kind = integral.integral_type()
-        changed = dict[Place, Expr]()
-        for place in reading.places(i) if kind in ("cell", "exterior_facet") else []:
-            new = _integrable(reading, place, domain, kind == "cell")
-            if new is not None:
-                changed[place] = new
-        if not changed:
-            integrals.append(integral)
-            continue
-        kept = [reading.terms[i][k] for _, k in reading.places(i) if (i, k) not in changed]
-        if kept:
-            integrals.append(integral.reconstruct(integrand=reduce(lambda a, b: a + b, kept)))
-        total = reduce(lambda a, b: a + b, changed.values())
-        metadata = _rule(integral, form.arguments(), domain)
-        integrals.append(integral.reconstruct(integrand=total, metadata=metadata))
-    same = all(a is b for a, b in zip(integrals, form.integrals(), strict=False))
-    return None if same and len(integrals) == len(form.integrals()) else ufl.Form(integrals)
-
-
-def _integrable(reading: Reading, place: Place, domain: mesh.Mesh, in_cells: bool) -> Expr | None:
-    """A summand that quadrature rules integrate well; None if it is one already, or unknown."""
-    arguments = reading.form.arguments()
-    if len(arguments) == 2 and arguments[0].ufl_shape:
-        return None  # stiffnesses of bodies
-    found = _of_values(reading, place, domain, in_cells)
-    if found is not None or len(arguments) == 1 or not in_cells:
-        return found
-    return _of_slopes(reading, place, domain)
-
-
-def _of_values(reading: Reading, place: Place, domain: mesh.Mesh, in_cells: bool) -> Expr | None:
-    """A summand without derivatives: factors of components of v, and of the normal, or of u v."""
-    v, *others = reading.form.arguments()
-    size = v.ufl_shape[0] if v.ufl_shape else 1
-    has_normals, n = reading.has_normals(place), ufl.FacetNormal(domain)
-    if has_normals and not reading.is_linear_in_normals(place):
+    every = _integrals(form)
+    if all(own.open or not own.changed for own in every):
         return None
-    normals = range(domain.geometry.dim if has_normals else 1)
-    if any(_has_slopes(reading, place, k) for k in normals):
-        return None
-    every = list(product(normals, range(size)))
-    factors = [reading.formula(place, [c] * (1 + len(others)), k) for k, c in every]
-    degree = (1 + len(others)) * v.ufl_function_space().element.basix_element.degree
-    parts = _projected(factors, domain, degree, in_cells and not has_normals)
-    if parts is None:
-        return None
-    total: Expr = ufl.as_ufl(0.0)
-    for (k, c), part in zip(every, parts, strict=True):
-        value = part * n[k] if has_normals else part
-        total += reduce(lambda a, b: a * b, others, value * (v[c] if v.ufl_shape else v))
-    return total
+    return ufl.Form([new for own in every for new in ([own.given] if own.open else own.apart())])
 
 
-def _of_slopes(reading: Reading, place: Place, domain: mesh.Mesh) -> Expr | None:
-    """A summand A grad u . grad v of a scalar problem."""
-    v, u = reading.form.arguments()
-    reaction, dimension = reading.formula(place, [0, 0]), domain.geometry.dim
-    if reaction is None or reaction.constant != 0.0:
-        return None
-    slopes = range(1, dimension + 1)
-    entries = [reading.formula(place, [a, b]) for a in slopes for b in slopes]
-    degree = 2 * (v.ufl_function_space().element.basix_element.degree - 1)
-    flat = _projected(entries, domain, degree, True)
-    if flat is None:
-        return None
-    A = ufl.as_matrix([flat[dimension * i : dimension * (i + 1)] for i in range(dimension)])
-    return ufl.inner(ufl.dot(A, ufl.grad(u)), ufl.grad(v))
+@dataclass(frozen=True)
+class _Summand:
+    """A readable summand of an integrand: formulas times polynomials.
 
-
-def _has_slopes(reading: Reading, place: Place, normal: int) -> bool:
-    """Whether a summand depends on derivatives of its arguments, for a direction of the normal."""
-    arguments = reading.form.arguments()
-    slopes = ufl.grad(arguments[0]).ufl_shape
-    size = math.prod(arguments[0].ufl_shape)
-    for k, code in product(range(len(arguments)), range(size, size + math.prod(slopes))):
-        chosen = [code if j == k else 0 for j in range(len(arguments))]
-        found = reading.formula(place, chosen, normal)
-        if found is None or found.constant != 0.0:
-            return True
-    return False
-
-
-def _projected(
-    read: Sequence[Formula | None], domain: mesh.Mesh, degree: int, in_cells: bool
-) -> list[Expr] | None:
-    """Formulas as expressions that are integrated well.
-
-    None where one of them is unreadable, or nothing is to be changed.
+    Attributes:
+        formulas: The formulas.
+        degree: The degree of the polynomials.
+        made: Returns the summand with expressions in place of the formulas.
     """
+
+    formulas: Sequence[Formula]
+    degree: int
+    made: Callable[[Sequence[Expr]], Expr]
+
+    @property
+    def distinct(self) -> dict[Node, Formula]:
+        """Each of the formulas once, by their trees."""
+        return {formula.root: formula for formula in self.formulas}
+
+
+class _Integral:
+    """An integral of a form, with projections in place of the data that rules do not integrate.
+
+    Args:
+        reading: The reading of the form.
+        number: The number of the integral.
+
+    Attributes:
+        given: The integral as it was given.
+        open: Whether its rule follows the data.
+    """
+
+    def __init__(self, reading: Reading, number: int):
+        self._reading, self._places = reading, reading.places(number)
+        self.given: ufl.Integral = reading.form.integrals()[number]
+        self.open = self.given.metadata() == BY_DATA
+        self._kind = self.given.integral_type()
+        self._arguments = reading.form.arguments()
+        space = self._arguments[0].ufl_function_space()
+        self._domain, self._degree = space.mesh, int(space.element.basix_element.degree)
+
+    def by_data(self) -> list[ufl.Integral]:
+        """Return the integral with the rules that its data choose; collective."""
+        integrand = self.given.integrand()
+        summands = [summand for summand in self._summands.values() if summand is not None]
+        if self.changed:
+            integrand = reduce(add, [self.changed.get(p, self._term(p)) for p in self._places])
+        readable = len(summands) == len(self._places)
+        if self._kind == "cell" and readable and is_everywhere(self.given):
+            distinct = {root: f for summand in summands for root, f in summand.distinct.items()}
+            factor = max(summand.degree for summand in summands)
+            dx = measure_for(self._domain, [*distinct.values()], factor, self._degree)
+            return list((integrand * dx).integrals())
+        rule = facet_rule(self._domain)
+        if self._kind == "cell":
+            rule = cell_rule(self._domain, self._needed)
+        return [self.given.reconstruct(integrand=integrand, metadata=rule.metadata)]
+
+    def apart(self) -> list[ufl.Integral]:
+        """Return the integral of projections beside that of the user; collective."""
+        if not self.changed:
+            return [self.given]
+        kept = [self._term(place) for place in self._places if place not in self.changed]
+        parts = [(kept, self.given.metadata()), ([*self.changed.values()], self._rule())]
+        return [
+            self.given.reconstruct(integrand=reduce(add, terms), metadata=metadata)
+            for terms, metadata in parts
+            if terms
+        ]
+
+    @cached_property
+    def changed(self) -> dict[Place, Expr]:
+        """The summands whose data have projections in some cell or facet; collective."""
+        result = {}
+        for place, summand in self._summands.items():
+            if summand is None or not any(map(is_singular, summand.distinct.values())):
+                continue
+            x = ufl.SpatialCoordinate(self._domain)
+            both = [
+                (root, self._integrable(formula, summand.degree), formula.ufl(x))
+                for root, formula in summand.distinct.items()
+            ]
+            if any(found != plain for _, found, plain in both):
+                known = {root: found for root, found, _ in both}
+                result[place] = summand.made([known[each.root] for each in summand.formulas])
+        return result
+
+    def _integrable(self, formula: Formula, degree: int) -> Expr:
+        if self._kind == "cell":
+            return integrable(formula, self._domain, degree)
+        return integrable_on_facets(formula, self._domain, self._facets, degree)
+
+    @cached_property
+    def _facets(self) -> LocalIndices:
+        return facets_of(self._domain, self.given)
+
+    @cached_property
+    def _summands(self) -> dict[Place, _Summand | None]:
+        """The summands, as far as they are readable."""
+        on = self._kind in ("cell", "exterior_facet")
+        return {place: self._summand(place) if on else None for place in self._places}
+
+    def _summand(self, place: Place) -> _Summand | None:
+        orders, vectors = self._reading.orders(place), self._arguments[0].ufl_shape != ()
+        if orders == {0} and not (vectors and len(self._arguments) > 1):
+            return self._of_values(place)
+        if orders == {1} and len(self._arguments) > 1 and self._kind == "cell":
+            return self._of_slopes(place)
+        return None
+
+    def _of_values(self, place: Place) -> _Summand | None:
+        """A summand with factors of components of v, and of the normal, or of u v."""
+        v, *others = self._arguments
+        size = v.ufl_shape[0] if v.ufl_shape else 1
+        has_normals, n = self._reading.has_normals(place), ufl.FacetNormal(self._domain)
+        if has_normals and not self._reading.is_linear_in_normals(place):
+            return None
+        every = list(product(range(len(n) if has_normals else 1), range(size)))
+        read = self._reading.formula
+        formulas = _all([read(place, [c] * (1 + len(others)), k) for k, c in every])
+
+        def made(factors: Sequence[Expr]) -> Expr:
+            total: Expr = ufl.as_ufl(0.0)
+            for (k, c), factor in zip(every, factors, strict=True):
+                value = factor * n[k] if has_normals else factor
+                total += reduce(mul, others, value * (v[c] if v.ufl_shape else v))
+            return total
+
+        degree = (1 + len(others)) * self._degree
+        return _Summand(formulas, degree, made) if formulas else None
+
+    def _of_slopes(self, place: Place) -> _Summand | None:
+        """A summand grad u . A grad v, where A is a matrix, or the stiffness of a body."""
+        v, u = map(ufl.grad, self._arguments)
+        size, places = math.prod(v.ufl_shape[:-1]), list(np.ndindex(v.ufl_shape))
+        codes = [sum(k[:-1]) + size * (1 + k[-1]) for k in places]
+        read = self._reading.formula
+        formulas = _all([read(place, both) for both in product(codes, codes)])
+
+        def made(factors: Sequence[Expr]) -> Expr:
+            both = zip(product(places, places), factors, strict=True)
+            return reduce(add, [A * u[j] * v[i] for (i, j), A in both])
+
+        return _Summand(formulas, 2 * (self._degree - 1), made) if formulas else None
+
+    def _term(self, place: Place) -> Expr:
+        return self._reading.terms[place[0]][place[1]]
+
+    @property
+    def _needed(self) -> int:
+        """The degree of projections, which have the degree of the arguments, with the arguments."""
+        return 2 * len(self._arguments) * self._degree
+
+    def _rule(self) -> dict[str, Any]:
+        """A rule for projections: the user's if fine."""
+        given: dict[str, Any] = self.given.metadata()
+        in_cells, named = self._kind == "cell", given.get("quadrature_degree")
+        rule = cell_rule(self._domain, self._needed) if in_cells else facet_rule(self._domain)
+        fine = isinstance(named, int) and named >= max(self._needed, rule.degree)
+        return given if fine else rule.metadata
+
+
+def _integrals(form: ufl.Form) -> list[_Integral]:
+    reading = Reading(form)
+    return [_Integral(reading, number) for number in range(len(form.integrals()))]
+
+
+def _all(read: Sequence[Formula | None]) -> list[Formula]:
+    """The formulas that were read; none where one of them is not readable."""
     formulas = [formula for formula in read if formula is not None]
-    if len(formulas) < len(read) or not any(map(is_singular, formulas)):
-        return None
-    if in_cells:
-        found = [integrable(formula, domain, degree) for formula in formulas]
-    else:
-        on = boundary_facets(domain)
-        found = [integrable_on_facets(formula, domain, on, degree) for formula in formulas]
-    x = ufl.SpatialCoordinate(domain)
-    return None if found == [formula.ufl(x) for formula in formulas] else found
-
-
-def _rule(
-    integral: ufl.Integral, arguments: Sequence[ufl.Argument], domain: mesh.Mesh
-) -> dict[str, Any]:
-    """A rule for projections, which have the degree of the arguments together: the user's if fine.
-
-    Where data are smooth, the integral is the user's.
-    """
-    given: dict[str, Any] = integral.metadata()
-    degree = arguments[0].ufl_function_space().element.basix_element.degree
-    needed, named = 2 * len(arguments) * degree, given.get("quadrature_degree")
-    in_cells = integral.integral_type() == "cell"
-    rule = cell_rule(domain, needed) if in_cells else facet_rule(domain)
-    fine = isinstance(named, int) and named >= max(needed, rule.degree)
-    return given if fine else rule.metadata
+    return formulas if len(formulas) == len(read) else []
 
 
 def warn_of_cut_coefficients(a: ufl.Form, domain: mesh.Mesh) -> None:

@@ -80,10 +80,12 @@ def measure_for(
     """
     singular = any(map(is_singular, formulas))
     degrees = [polynomial_degree(formula.root) for formula in formulas]
-    known = _known(degrees)
+    known, constant = _known(degrees), all(formula.constant is not None for formula in formulas)
     data = max([*known, factor if singular else 0])
-    if len(known) == len(degrees) and factor + data <= CELL_RULE.degree:
-        return _dx(domain, _interior(domain, factor + data))
+    # Where a kernel has several rules, FFCx takes values at the only point of one for all of them.
+    exact = factor + data if constant else max(factor + data, 2)
+    if len(known) == len(degrees) and exact <= CELL_RULE.degree:
+        return _dx(domain, _interior(domain, exact))
     # A projection that is integrated less well need not even be positive.
     needed = 2 * (factor if singular else degree)
     many = domain.topology.index_map(domain.topology.dim).size_global > MANY

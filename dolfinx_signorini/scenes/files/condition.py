@@ -9,9 +9,9 @@ import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.formulas import Formula
-from dolfinx_signorini.data.interfaces.facet_jumps import integrable_on_facets
+from dolfinx_signorini.data.interfaces.piecewise_forms import BY_DATA
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
 from dolfinx_signorini.norms.manufactured import ManufacturedSolution
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
@@ -43,19 +43,15 @@ class Setting:
         return ufl.SpatialCoordinate(self.sided.mesh)
 
     @property
-    def degree(self) -> int:
-        """The degree of the elements."""
-        return int(self.space.element.basix_element.degree)
+    def dx(self) -> ufl.Measure:
+        """The measure of cells, whose rule follows the data."""
+        return ufl.Measure("dx", self.sided.mesh, metadata=BY_DATA)
 
     def data(self, formula: Formula | None) -> Any:
         """Return a formula as problems take data: a number or an expression; None for None."""
         if formula is None:
             return None
         return formula.ufl(self.x) if formula.constant is None else formula.constant
-
-    def on_facets(self, formula: Formula, facets: LocalIndices) -> Expr:
-        """Return a formula as an expression that is integrated well on facets; collective."""
-        return integrable_on_facets(formula, self.sided.mesh, facets, self.degree)
 
 
 @dataclass(frozen=True)

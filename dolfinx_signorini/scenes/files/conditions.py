@@ -213,7 +213,7 @@ class Neumann(BoundaryCondition):
     def load(self, setting: Setting) -> Expr | None:
         if self.value is None:
             return None
-        return setting.on_facets(self.value, setting.sided.facets(self.sides))
+        return self.value.ufl(setting.x)
 
 
 @dataclass(frozen=True)
@@ -251,8 +251,7 @@ class Traction(Neumann):
         pressure = super().load(setting)
         if pressure is not None:
             return -pressure * ufl.FacetNormal(setting.sided.mesh)
-        facets = setting.sided.facets(self.sides)
-        return ufl.as_vector([setting.on_facets(part, facets) for part in self.parts])
+        return ufl.as_vector([part.ufl(setting.x) for part in self.parts])
 
 
 CONDITIONS: tuple[type[BoundaryCondition], ...] = (Contact, Dirichlet, Neumann)

@@ -14,9 +14,6 @@ from dolfinx_signorini.accuracy.targets import Target, target
 from dolfinx_signorini.base.errors import InputError, require
 from dolfinx_signorini.data.form_data import with_reciprocal
 from dolfinx_signorini.data.formulas import Formula, evaluated
-from dolfinx_signorini.data.interfaces.jumps import integrable
-from dolfinx_signorini.data.interfaces.rules import CellMeasure, measure_for
-from dolfinx_signorini.meshes.quadrature import CELL_RULE
 from dolfinx_signorini.meshes.sided_meshes import cell_corners
 from dolfinx_signorini.problem.elasticity import stress, von_mises, weighted_strain
 from dolfinx_signorini.scenes.domains.domain import Domain
@@ -107,23 +104,15 @@ class Elasticity:
         Raises:
             InputError: A formula has values that no material has.
         """
-        domain, factor = setting.sided.mesh, 2 * (setting.degree - 1)
-        _check_values(domain, "young", self.young, POSITIVE)
-        _check_values(domain, "poisson", self.poisson, RATIO)
-        young, poisson = (integrable(f, domain, factor) for f in (self.young, self.poisson))
-        dx: CellMeasure = ufl.Measure("dx", domain, metadata=CELL_RULE.metadata)
-        if self.poisson.constant is not None:
-            dx = measure_for(domain, [self.young], factor, setting.degree)
-        found = stress(u, young, poisson, self.plane or "strain")
-        return ufl.inner(found, ufl.sym(ufl.grad(v))) * dx
+        _check_values(setting.sided.mesh, "young", self.young, POSITIVE)
+        _check_values(setting.sided.mesh, "poisson", self.poisson, RATIO)
+        return ufl.inner(self.stresses(u)[0], ufl.sym(ufl.grad(v))) * setting.dx
 
-    def load(self, setting: Setting) -> tuple[Expr, CellMeasure] | None:
-        """Return the force on the volume with the measure of its integral; None for no force."""
+    def load(self, setting: Setting) -> Expr | None:
+        """Return the force on the volume; None for no force."""
         if all(part.constant == 0.0 for part in self.force):
             return None
-        domain, degree = setting.sided.mesh, setting.degree
-        parts = [integrable(part, domain, degree) for part in self.force]
-        return ufl.as_vector(parts), measure_for(domain, self.force, degree, degree)
+        return ufl.as_vector([part.ufl(setting.x) for part in self.force])
 
     def target(self, norm: str) -> Target:
         """Return what is to be accurate where an error of a body is asked for in a norm.

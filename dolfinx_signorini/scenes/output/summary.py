@@ -8,7 +8,6 @@ from typing import Any, TypeAlias
 import numpy as np
 import ufl
 from dolfinx import fem
-from ufl.core.expr import Expr
 
 from dolfinx_signorini.accuracy.adaptive import found_lines
 from dolfinx_signorini.accuracy.corners import places_below
@@ -18,7 +17,6 @@ from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tables import listed
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.formulas import COORDINATES
-from dolfinx_signorini.data.interfaces.rules import CellMeasure
 from dolfinx_signorini.data.node_values import values_in_cells, vectors_at_nodes
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.references import Reference
@@ -273,13 +271,15 @@ def forces_on(posed: PosedScene) -> dict[str, Force]:
     """
     problem, u, size = posed.problem, posed.problem.u, posed.scene.components
 
-    def integral(integrand: Expr, measure: CellMeasure) -> Array:
-        parts = [integrand[i] for i in range(size)] if integrand.ufl_shape else [integrand]
-        return np.array([compiled.integral(part * measure) for part in parts])
+    def on_constants(form: ufl.Form) -> Array:
+        (v,), domain = form.arguments(), problem.space.mesh
+        units = np.eye(size).reshape(size, *v.ufl_shape)
+        each = [ufl.replace(form, {v: fem.Constant(domain, unit)}) for unit in units]
+        return np.array(list(map(compiled.integral, each)))
 
-    forces: dict[str, Any] = {name: integral(*term) for name, term in posed.sources.items()}
-    for name, (c, measure) in posed.reactions.items():
-        forces[name] = forces.get(name, 0.0) - integral(c * u, measure)
+    forces: dict[str, Any] = {name: on_constants(form) for name, form in posed.sources.items()}
+    for name, form in posed.reactions.items():
+        forces[name] = forces.get(name, 0.0) - on_constants(ufl.action(form, u))
     residual = ufl.action(posed.a, u)
     if posed.sources:
         residual -= posed.L
