@@ -50,7 +50,7 @@ def test_the_degree_of_a_power_made_by_squares_takes_no_longer_than_its_squares(
 def test_polynomials_are_integrated_exactly_by_few_points(text, degree, comm):
     domain = friedrichs_keller(comm, 4)
     formula = parsing.parse(text)
-    dx = rules.measure_for(domain, [formula], degree, degree)
+    (dx,) = rules.measures_for(domain, [([formula], degree)], degree)
     assert dx.metadata()["quadrature_degree"] < CELL_RULE.degree
     v = ufl.TestFunction(fem.functionspace(domain, ("Lagrange", degree)))
     load = jumps.integrable(formula, domain, degree)
@@ -123,6 +123,31 @@ def test_points_are_many_in_few_cells_and_a_load_of_rounding_is_none(comm, demos
     assert volume == pytest.approx(1.0)
     assert list(posed.sources) == ["load"]
     assert posed.problem.total_load == pytest.approx(np.pi / 4000.0, rel=0.02)
+
+
+def test_the_rough_cells_of_several_coefficients_are_one_part_of_the_cells(
+    comm, parse, monkeypatch
+):
+    monkeypatch.setattr(rules, "MANY", 1)
+    text = """
+    [domain]
+    shape = "square"
+    cells = 40
+    [equation]
+    diffusion = "1 + exp(-4000*((x - 0.3)^2 + (y - 0.7)^2))"
+    reaction = "1 + exp(-4000*((x - 0.6)^2 + (y - 0.7)^2))"
+    load = 1
+    [contact]
+    sides = "bottom"
+    """
+    posed = pose(parse(text), comm)
+    w = fem.Function(posed.problem.space)
+    w.x.array[:] = 1.0
+    a = fem.form(ufl.action(ufl.action(posed.a, w), w))
+    total = comm.allreduce(fem.assemble_scalar(a))
+    assert total == pytest.approx(1.0 + np.pi / 4000.0, rel=1e-6)
+    assert len(posed.a.integrals()) == 4 and len(posed.L.integrals()) == 1
+    posed.problem.destroy()
 
 
 IN_LAYERS = """

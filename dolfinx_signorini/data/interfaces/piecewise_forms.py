@@ -33,7 +33,12 @@ from dolfinx_signorini.data.form_data import choices_in_diffusion, facets_of, is
 from dolfinx_signorini.data.formulas import Formula, Node
 from dolfinx_signorini.data.interfaces.facet_jumps import integrable_on_facets, jumps_in_cells
 from dolfinx_signorini.data.interfaces.jumps import integrable
-from dolfinx_signorini.data.interfaces.rules import cell_rule, facet_rule, measure_for
+from dolfinx_signorini.data.interfaces.rules import (
+    CellMeasure,
+    cell_rule,
+    facet_rule,
+    measures_for,
+)
 from dolfinx_signorini.data.interfaces.singular_sets import is_singular
 from dolfinx_signorini.data.readings import Place, Reading
 
@@ -51,8 +56,17 @@ def by_data(form: ufl.Form) -> ufl.Form:
     """
     if all(integral.metadata() != BY_DATA for integral in form.integrals()):
         return form
-    every = _integrals(form)
-    return ufl.Form([new for own in every for new in (own.by_data() if own.open else [own.given])])
+    every, found = _integrals(form), list[ufl.Integral]()
+    in_cells = [own for own in every if own.given.integral_type() == "cell"]
+    products = [(own, own.product) for own in in_cells if own.open]
+    known = [(own, product) for own, product in products if product is not None]
+    space, divided = form.arguments()[0].ufl_function_space(), len(known) == len(in_cells)
+    degree = int(space.element.basix_element.degree)
+    measures = measures_for(space.mesh, [product for _, product in known], degree, divided)
+    chosen = {own: dx for (own, _), dx in zip(known, measures, strict=True)}
+    for own in every:
+        found += own.by_data(chosen.get(own)) if own.open else [own.given]
+    return ufl.Form(found)
 
 
 def piecewise(form: ufl.Form, domain: mesh.Mesh) -> ufl.Form | None:
@@ -114,17 +128,28 @@ class _Integral:
         space = self._arguments[0].ufl_function_space()
         self._domain, self._degree = space.mesh, int(space.element.basix_element.degree)
 
-    def by_data(self) -> list[ufl.Integral]:
-        """Return the integral with the rules that its data choose; collective."""
-        integrand = self.given.integrand()
+    @property
+    def product(self) -> tuple[list[Formula], int] | None:
+        """The formulas of an integral over all cells, and the degree of what they multiply.
+
+        None where something is not readable.
+        """
         summands = [summand for summand in self._summands.values() if summand is not None]
+        if len(summands) < len(self._places) or not is_everywhere(self.given):
+            return None
+        distinct = {root: f for summand in summands for root, f in summand.distinct.items()}
+        return [*distinct.values()], max(summand.degree for summand in summands)
+
+    def by_data(self, dx: CellMeasure | None) -> list[ufl.Integral]:
+        """Return the integral with the rules that its data choose; collective.
+
+        Args:
+            dx: The measure of an integral over all cells; None for the rule of all data.
+        """
+        integrand = self.given.integrand()
         if self.changed:
             integrand = reduce(add, [self.changed.get(p, self._term(p)) for p in self._places])
-        readable = len(summands) == len(self._places)
-        if self._kind == "cell" and readable and is_everywhere(self.given):
-            distinct = {root: f for summand in summands for root, f in summand.distinct.items()}
-            factor = max(summand.degree for summand in summands)
-            dx = measure_for(self._domain, [*distinct.values()], factor, self._degree)
+        if dx is not None:
             return list((integrand * dx).integrals())
         rule = facet_rule(self._domain)
         if self._kind == "cell":

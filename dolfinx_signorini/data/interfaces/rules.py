@@ -66,18 +66,45 @@ class _Degrees(PerNode[int | None]):
         return degree
 
 
-def measure_for(
-    domain: mesh.Mesh, formulas: Sequence[Formula], factor: int, degree: int
-) -> CellMeasure:
-    """Return the measure of integrals over all cells of formulas times polynomials.
+def measures_for(
+    domain: mesh.Mesh,
+    products: Sequence[tuple[Sequence[Formula], int]],
+    degree: int,
+    divided: bool = True,
+) -> list[CellMeasure]:
+    """Return the measures of integrals over all cells of formulas times polynomials, of one form.
+
+    DOLFINx takes one division of the cells for all integrals of a form: where a formula is rough in
+    some cells, these are a part of the division, on which the other formulas keep their rules.
 
     Args:
         domain: The mesh; the call is collective.
-        formulas: The formulas. Where one of them is singular in a cell, a polynomial of the degree
-            of the factor stands in its place, see `jumps.integrable`.
-        factor: The degree of the polynomials that the formulas are multiplied with.
+        products: For each integral the formulas, and the degree of the polynomials that they are
+            multiplied with. Where one of the formulas is singular in a cell, a polynomial of this
+            degree stands in its place, see `jumps.integrable`.
         degree: The degree of the elements.
+        divided: Whether cells may be divided into parts, so that large meshes have fewer points.
     """
+    cells = domain.topology.index_map(domain.topology.dim).size_global
+    many = divided and cells > MANY
+    chosen = [_chosen(domain, *each, degree, many) for each in products]
+    found = [rough for _, rough in chosen if rough is not None]
+    if not found:
+        return [ufl.Measure("dx", domain, metadata=rule.metadata) for rule, _ in chosen]
+    together = np.any(found, axis=0)
+    parts = [(k, np.flatnonzero(together == k).astype(np.int32)) for k in (False, True)]
+    dx = ufl.Measure("dx", domain, subdomain_data=[(int(k), cells) for k, cells in parts])
+    return [
+        dx(0, metadata=rule.metadata)
+        + dx(1, metadata=(rule if rough is None else CELL_RULE).metadata)
+        for rule, rough in chosen
+    ]
+
+
+def _chosen(
+    domain: mesh.Mesh, formulas: Sequence[Formula], factor: int, degree: int, many: bool
+) -> tuple[QuadratureRule, Mask | None]:
+    """The rule of an integral, and the owned cells that have the rule of all data in its place."""
     singular = any(map(is_singular, formulas))
     degrees = [polynomial_degree(formula.root) for formula in formulas]
     known, constant = _known(degrees), all(formula.constant is not None for formula in formulas)
@@ -85,15 +112,15 @@ def measure_for(
     # Where a kernel has several rules, FFCx takes values at the only point of one for all of them.
     exact = factor + data if constant else max(factor + data, 2)
     if len(known) == len(degrees) and exact <= CELL_RULE.degree:
-        return _dx(domain, _interior(domain, exact))
+        return _interior(domain, exact), None
     # A projection that is integrated less well need not even be positive.
     needed = 2 * (factor if singular else degree)
-    many = domain.topology.index_map(domain.topology.dim).size_global > MANY
     if needed > CELL_RULE.degree or not many:
-        return _dx(domain, cell_rule(domain, needed))
+        return cell_rule(domain, needed), None
     both = zip(formulas, degrees, strict=True)
     curved = [formula for formula, own in both if own is None or own > 1]
-    return _split(domain, _rough(domain, curved), degree)
+    rough = _rough(domain, curved)
+    return _interior(domain, 2 * degree), rough if anywhere(domain.comm, rough) else None
 
 
 def cell_rule(domain: mesh.Mesh, degree: int) -> QuadratureRule:
@@ -124,20 +151,6 @@ def _rough(domain: mesh.Mesh, formulas: Sequence[Formula]) -> Mask:
         with np.errstate(invalid="ignore"):
             result |= ~(np.abs(values - means(nodal)) <= ROUGH * np.abs(values) + floor)
     return result
-
-
-def _split(domain: mesh.Mesh, rough: Mask, degree: int) -> CellMeasure:
-    """The measure with the larger rule on rough cells, and the smaller one on the others."""
-    small = _interior(domain, 2 * degree)
-    if not anywhere(domain.comm, rough):
-        return _dx(domain, small)
-    parts = [(k, np.flatnonzero(rough == k).astype(np.int32)) for k in (False, True)]
-    dx = ufl.Measure("dx", domain, subdomain_data=[(int(k), cells) for k, cells in parts])
-    return dx(0, metadata=small.metadata) + dx(1, metadata=CELL_RULE.metadata)
-
-
-def _dx(domain: mesh.Mesh, rule: QuadratureRule) -> ufl.Measure:
-    return ufl.Measure("dx", domain, metadata=rule.metadata)
 
 
 def _interior(domain: mesh.Mesh, degree: int) -> QuadratureRule:
