@@ -17,10 +17,11 @@ in equilibrium.
 
 import numpy as np
 import ufl
-from dolfinx import fem, la
+from dolfinx import default_scalar_type, fem, la
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.optimize import linprog
+from ufl.algorithms.apply_derivatives import apply_derivatives
 
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array
@@ -63,7 +64,9 @@ def loose_motions(a: ufl.Form, A: PETSc.Mat, layout: Layout, diagonal: Array) ->
         return Loose.nothing(layout.space.mesh.comm)
     parts, motions, comm = layout.components, motions_of(layout), layout.space.mesh.comm
     counts = np.full(parts.count, motions.shape[1], dtype=np.int32)
-    every = Loose(comm, counts, np.repeat(parts.numbers, layout.block), motions)
+    one = layout.block == 1
+    numbers = parts.numbers if one else np.repeat(parts.numbers, layout.block)
+    every = Loose(comm, counts, numbers, motions)
     at_data = np.zeros_like(motions)
     at_data[layout.fixed_dofs] = motions[layout.fixed_dofs]
     found: list[Array] = []
@@ -349,11 +352,15 @@ def _energies(a: ufl.Form, layout: Layout, loose: Loose) -> tuple[Array, float]:
 
     The domain is stretched by its size, all components along all coordinates: a form may miss some
     of the derivatives. Functions that are 1 in one cell tell the energy of each cell, so that all
-    bodies are asked at once.
+    bodies are asked at once. A form of derivatives alone vanishes on constants.
     """
     space, nodal, comm = layout.space, layout.nodal, layout.space.mesh.comm
-    first, second, parts = fem.Function(space), fem.Function(space), layout.components
     test, trial = a.arguments()
+    if layout.block == 1:
+        constant = fem.Constant(space.mesh, default_scalar_type(1.0))
+        if apply_derivatives(ufl.replace(a, {trial: constant})).empty():
+            return np.zeros((len(loose.counts), 1, 1)), 0.0
+    first, second, parts = fem.Function(space), fem.Function(space), layout.components
     in_cells = constants(space.mesh)
     one = ufl.TestFunction(in_cells)
     integrals = [
