@@ -258,6 +258,7 @@ def test_poles_of_the_load_of_a_manufactured_solution_are_named(comm, parse, u, 
         ("abs(x - 0.5)^0.2", []),
         ("where(x < 0.25, 0, 1e-3) + where(x < 0.8, x, 2)", [0.25, 0.8]),  # 0.25 is a vertex
         ("where(y < 0.5, 0, 1)", []),  # no jump on the side
+        ("exp(-710 - 5000*(x - 0.4)^2)", []),  # from where numbers have no digits down to 0
     ],
 )
 def test_jumps_of_data_on_a_side_are_found(comm, data, places):

@@ -13,7 +13,7 @@ from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
 from dolfinx_signorini.base.ranks import function_with, highest, largest
-from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING, SOLVED
+from dolfinx_signorini.base.tolerances import HALVINGS, ROUNDING, SOLVED, TINY
 from dolfinx_signorini.data.formulas import Formula, evaluated
 from dolfinx_signorini.data.interfaces.interface import inner_lattice, interfaces
 from dolfinx_signorini.data.interfaces.jumps import Projection
@@ -121,6 +121,8 @@ def data_jumps(
     every = every[np.isfinite(every)]
     low = -highest(comm, -every)
     size = highest(comm, every) - low
+    if not size > TINY:  # data that vanish, or have no digits
+        return []
     places: list[Array] = []
     both = np.full((2, len(x)), 0.0)
     for (formula, _), on, v in zip(given, nodes, values, strict=True):
@@ -128,8 +130,7 @@ def data_jumps(
         heights = np.where(np.isfinite(v), v, low) - low
         for row, above in zip(both, (heights, size - heights), strict=True):
             np.maximum(row, largest(domain.geometry.index_map(), on, above), out=row)
-    if size > 0.0:
-        places.append(x[both.sum(axis=0) > (1.0 + SOLVED) * size])
+    places.append(x[both.sum(axis=0) > (1.0 + SOLVED) * size])
     found = np.concatenate(comm.allgather(np.concatenate([np.empty((0, dim)), *places])))
     digits = 9 - round(math.log10(longest_side(domain)))
     return sorted({tuple(map(float, point)) for point in np.round(found, digits) + 0.0})
