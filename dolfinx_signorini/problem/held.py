@@ -329,7 +329,7 @@ def _without_energy(
     masked[layout.fixed_dofs] = 0.0
     by_matrix = loose.products(masked, _products(A, masked))
     scales = loose.products(masked, diagonal[:, None] * masked)
-    result: list[Array] = [np.empty((loose.rows.shape[1], 0)) for _ in loose.counts]
+    result: list[Array] = [np.empty((n, 0)) for n in loose.counts]
     doubtful: list[int] = []
     for k, n in enumerate(loose.counts):
         inverse = np.linalg.inv(np.linalg.cholesky(scales[k][:n, :n]))
@@ -342,8 +342,7 @@ def _without_energy(
         n = loose.counts[k]
         values, vectors = np.linalg.eigh(0.5 * (by_form[k] + by_form[k].T)[:n, :n])
         still = values <= ROUNDING * stretched
-        result[k] = np.zeros((loose.rows.shape[1], still.sum()))
-        result[k][:n] = vectors[:, still]
+        result[k] = vectors[:, still]
     return result
 
 

@@ -84,10 +84,14 @@ class Loose:
         return found
 
     def combined(self, parts: "list[Array]") -> "Loose":
-        """Return the motions that are combinations of these, for each component some."""
+        """Return the motions that are combinations of these, for each component some.
+
+        Args:
+            parts: For each component the combinations, as columns with a row for each motion.
+        """
         counts = np.array([part.shape[1] for part in parts], dtype=np.int32)
         whole = np.zeros((len(parts), self.rows.shape[1], counts.max(initial=0)))
         for part, into in zip(parts, whole, strict=True):
-            into[:, : part.shape[1]] = part
+            into[: len(part), : part.shape[1]] = part
         rows = np.einsum("ni,nij->nj", self.rows, whole[self.numbers])
         return Loose(self.comm, counts, self.numbers, rows)

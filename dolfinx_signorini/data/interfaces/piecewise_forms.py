@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 import ufl
 from dolfinx import mesh
+from ufl.algorithms import extract_coefficients
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import LocalIndices
@@ -175,14 +176,12 @@ class _Integral:
         for place, summand in self._summands.items():
             if summand is None or not any(map(is_singular, summand.distinct.values())):
                 continue
-            x = ufl.SpatialCoordinate(self._domain)
-            both = [
-                (root, self._integrable(formula, summand.degree), formula.ufl(x))
+            found = {
+                root: self._integrable(formula, summand.degree)
                 for root, formula in summand.distinct.items()
-            ]
-            if any(found != plain for _, found, plain in both):
-                known = {root: found for root, found, _ in both}
-                result[place] = summand.made([known[each.root] for each in summand.formulas])
+            }
+            if any(map(extract_coefficients, found.values())):  # formulas themselves have none
+                result[place] = summand.made([found[each.root] for each in summand.formulas])
         return result
 
     def _integrable(self, formula: Formula, degree: int) -> Expr:
