@@ -3,13 +3,15 @@
     ./with-dolfinx python3 benchmarks/time_steps.py [--cells 300] [--steps 200]
     ./with-dolfinx python3 benchmarks/time_steps.py --shape cube    # on a mesh of gmsh
     ./with-dolfinx python3 benchmarks/time_steps.py --contact domain
+    ./with-dolfinx python3 benchmarks/time_steps.py --contact damage
     ./with-dolfinx python3 benchmarks/time_steps.py --contact body --steps 50
 
-The problem is that of `demos/parabolic.py`, with the obstacle on a side or in the domain, or that
-of `demos/growing_load.py`. Both loops make the same steps in turn in one process. The loop without
-contact has the best of what a user would write: the matrix and the set-up of BoomerAMG with the
-contact solve's settings are made once, and CG starts from the last solution and ends at the
-residual that the contact solve has to reach, 1e-7 of the load.
+The problem is that of `demos/parabolic.py`, with the obstacle on a side or in the domain, that of
+`demos/irreversible.py`, or that of `demos/growing_load.py`. Both loops make the same steps in turn
+in one process. The loop without contact has the best of what a user would write: the matrix and the
+set-up of BoomerAMG with the contact solve's settings are made once (for damage, whose matrix
+changes, in each step), and CG starts from the last solution and ends at the residual that the
+contact solve has to reach, 1e-7 of the load.
 """
 
 from typing import Any
@@ -48,6 +50,8 @@ class Parabolic:
         steps: The number of steps.
     """
 
+    changes = False  # the matrix
+
     def __init__(self, domain: mesh.Mesh, steps: int):
         self.mesh, self.bcs = domain, []
         space = fem.functionspace(domain, ("Lagrange", 1))
@@ -78,8 +82,38 @@ class InDomain(Parabolic):
         return ObstacleProblem(self.a, self.L, lower=0.0, u=self.u)
 
 
+class Damage:
+    """Forms of damage that cannot heal: the last solution is the obstacle; see `Parabolic`."""
+
+    changes = True
+
+    def __init__(self, domain: mesh.Mesh, steps: int):
+        self.mesh, self.steps, self.bcs = domain, steps, []
+        space = fem.functionspace(domain, ("Lagrange", 1))
+        self.u, self.last = fem.Function(space), fem.Function(space)
+        trial, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        self.load, self.place = fem.Constant(domain, 0.0), fem.Constant(domain, (0.0, 0.5))
+        distance = ufl.SpatialCoordinate(domain) - self.place
+        stored = self.load * ufl.exp(-40.0 * ufl.inner(distance, distance))
+        dx = ufl.dx(metadata={"quadrature_degree": 4})
+        self.a = (2.0 * stored * trial * v + 0.2 * ufl.inner(ufl.grad(trial), ufl.grad(v))) * dx
+        self.L = (2.0 * stored - 10.0) * v * dx
+
+    def move(self, step: int) -> None:
+        """Let the load grow and fall while its peak wanders."""
+        time = (step + 1) / (self.steps + 1)
+        self.load.value, self.place.value[0] = 60.0 * np.sin(np.pi * time), 0.2 + 0.6 * time
+        self.last.x.array[:] = self.u.x.array
+
+    def problem(self) -> BoundConstrainedProblem:
+        """The problem with the last solution below."""
+        return ObstacleProblem(self.a, self.L, lower=self.last, u=self.u)
+
+
 class Body:
     """Forms of a block whose weight grows; see `Parabolic`."""
+
+    changes = False
 
     def __init__(self, domain: mesh.Mesh, steps: int):
         self.mesh, self.steps, dim = domain, steps, domain.geometry.dim
@@ -102,7 +136,7 @@ class Body:
         return ContactProblem(self.a, self.L, contact=below, gap=gap, bcs=self.bcs, u=self.u)
 
 
-LOOPS = {"side": Parabolic, "domain": InDomain, "body": Body}
+LOOPS = {"side": Parabolic, "domain": InDomain, "damage": Damage, "body": Body}
 
 
 def side(domain: mesh.Mesh, axis: int, place: float) -> npt.NDArray[np.int32]:
@@ -125,7 +159,7 @@ class Contact:
 
 
 class Linear:
-    """The loop without contact, with the matrix and the multigrid set-up of the first step."""
+    """The loop without contact; the multigrid set-up is made once for each matrix."""
 
     def __init__(self, forms: Any):
         self.forms, self.a = forms, fem.form(forms.a)
@@ -152,6 +186,12 @@ class Linear:
     def step(self, number: int) -> int:
         """Make a step, and return the CG iterations that the step took."""
         self.forms.move(number)
+        if self.forms.changes:
+            A, _ = self.ksp.getOperators()
+            A.zeroEntries()
+            fem_petsc.assemble_matrix(A, self.a, bcs=self.forms.bcs)
+            A.assemble()
+            self.ksp.setOperators(A)
         with self.b.localForm() as local:
             local.set(0.0)
         fem_petsc.assemble_vector(self.b, self.form)
