@@ -9,6 +9,8 @@ Source: Graeser and Kornhuber, J. Comput. Math. 27 (2009) 1-44, for truncated no
 multigrid.
 """
 
+import itertools
+
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Mask
@@ -49,6 +51,7 @@ def rough_steps(
     x: PETSc.Vec,
     held: Mask,
     rtol: float,
+    longest: int = LONGEST,
 ) -> tuple[Mask, float]:
     """Improve x by rough steps, until a sweep changes nothing of the active set.
 
@@ -59,6 +62,7 @@ def rough_steps(
         x: A feasible vector, overwritten.
         held: The guess of the active set that goes with x.
         rtol: The relative natural residual to reach, which ends the steps earlier.
+        longest: The most steps.
 
     Returns:
         The active set, and the relative natural residual of x.
@@ -68,7 +72,7 @@ def rough_steps(
     def enough(correction: PETSc.Vec, iteration: int, norm: float, unit: float) -> bool:
         return iteration >= ITERATIONS
 
-    for kind in ("forward", "backward") * (LONGEST // 2):
+    for kind in itertools.islice(itertools.cycle(("forward", "backward")), longest):
         before, held = held, swept(system, rows, kind, x, measure.multiplier)
         changed = system.comm.allreduce(int((before != held).sum()))
         if not changed:

@@ -232,3 +232,33 @@ def test_a_body_on_a_side_of_a_box_starts_near_its_set(dimension, degree, axis, 
     newton = problem.solve("bntr", rtol=RTOL, warm_start=False).x.array
     assert solution == pytest.approx(newton, abs=1e-6 * abs(newton).max())
     problem.destroy()
+
+
+@pytest.mark.parametrize(
+    ("kind", "c", "width", "size", "weight", "upper", "keeps", "speed"),
+    [
+        ("triangle", 1.49, 79.0, 12.5, 0.198, None, False, 0.0174),
+        ("quadrilateral", 0.0212, 4.94, 1.14, 0.104, 1.0, True, 0.00892),
+    ],
+)
+def test_sets_that_move_far_take_no_more_iterations_than_others(
+    kind, c, width, size, weight, upper, keeps, speed, comm
+):
+    """Active sets that shrink by one layer of dofs in a solve would take 46 iterations, or 80."""
+    domain = mesh.create_unit_square(comm, 128, 128, mesh.CellType[kind])
+    V = fem.functionspace(domain, ("Lagrange", 1))
+    u, v, x = ufl.TrialFunction(V), ufl.TestFunction(V), ufl.SpatialCoordinate(domain)
+    strength, place = fem.Constant(domain, 0.0), fem.Constant(domain, (0.5, 0.5))
+    load = strength * ufl.exp(-width * ufl.inner(x - place, x - place)) - weight
+    lower = fem.Function(V)
+    more = {} if upper is None else {"upper": upper}
+    a = (ufl.inner(ufl.grad(u), ufl.grad(v)) + c * u * v) * ufl.dx
+    problem = ObstacleProblem(a, load * v * ufl.dx, lower=lower, **more)
+    for step in range(6):
+        strength.value = size * np.sin(3.0 * speed * (step + 1) + 0.3)
+        place.value[:] = 0.5 + 0.3 * np.cos(speed * step * np.array([1.0, 2.0]))
+        if keeps:
+            lower.x.array[:] = np.minimum(problem.u.x.array, 0.9)
+        problem.solve()
+        assert problem.result.linear_iterations <= 30
+    problem.destroy()

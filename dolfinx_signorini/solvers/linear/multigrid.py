@@ -29,10 +29,7 @@ DOWN, UP = "pc_sor_local_forward", "pc_sor_local_backward"
 # of some hundred nodes fits on every rank.
 CHOLESKY = {"pc_type": "cholesky", "pc_factor_zeropivot": LEAST_PIVOT}
 REDUNDANT_CHOLESKY = {"pc_type": "redundant"} | {f"redundant_{k}": v for k, v in CHOLESKY.items()}
-# On each coarser mesh, of a solve that begins there. In `full_multigrid`, which has one more on the
-# finest mesh, a solve takes as long or longer with one more or less (benchmarks/obstacle.py), and
-# room that is left to coarse levels, and not used up by the sweep before, saves a set-up in space.
-CYCLES = 2
+CYCLES = 2  # on each coarser mesh, of a linear solve that begins there
 BOTH = "pc_sor_local_symmetric"  # for degrees above 2: a quarter fewer iterations for the same time
 
 
