@@ -9,8 +9,6 @@ Source: Graeser and Kornhuber, J. Comput. Math. 27 (2009) 1-44, for truncated no
 multigrid.
 """
 
-import itertools
-
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Mask
@@ -51,7 +49,6 @@ def rough_steps(
     x: PETSc.Vec,
     held: Mask,
     rtol: float,
-    longest: int = LONGEST,
 ) -> tuple[Mask, float]:
     """Improve x by rough steps, until a sweep changes nothing of the active set.
 
@@ -62,25 +59,54 @@ def rough_steps(
         x: A feasible vector, overwritten.
         held: The guess of the active set that goes with x.
         rtol: The relative natural residual to reach, which ends the steps earlier.
-        longest: The most steps.
 
     Returns:
         The active set, and the relative natural residual of x.
     """
     rows, residual = Rows(system.A), measure.relative
-
-    def enough(correction: PETSc.Vec, iteration: int, norm: float, unit: float) -> bool:
-        return iteration >= ITERATIONS
-
-    for kind in itertools.islice(itertools.cycle(("forward", "backward")), longest):
+    for kind in ("forward", "backward") * (LONGEST // 2):
         before, held = held, swept(system, rows, kind, x, measure.multiplier)
         changed = system.comm.allreduce(int((before != held).sum()))
         if not changed:
             break
-        slack = STALE * changed
-        solver.solve(system, x, held, rtol * measure.scale, check=enough, slack=slack)
-        system.project(x)
-        residual = measure(x)
+        residual = _improved(system, solver, measure, x, held, rtol, changed)
         if residual <= rtol:
             break
     return held, residual
+
+
+def tried(
+    system: System,
+    solver: LinearSolver,
+    measure: NaturalResidual,
+    x: PETSc.Vec,
+    held: Mask,
+    rtol: float,
+) -> tuple[Mask, float]:
+    """Improve x by one rough step, see `rough_steps`, even where the sweep changes no set.
+
+    Conjugate gradients for a set that is far from the right one raise the residual.
+    """
+    before, held = held, swept(system, Rows(system.A), "forward", x, measure.multiplier)
+    changed = system.comm.allreduce(int((before != held).sum()))
+    return held, _improved(system, solver, measure, x, held, rtol, changed)
+
+
+def _improved(
+    system: System,
+    solver: LinearSolver,
+    measure: NaturalResidual,
+    x: PETSc.Vec,
+    held: Mask,
+    rtol: float,
+    changed: int,
+) -> float:
+    """Improve x by some conjugate gradients for a set that has changed, and return its residual."""
+
+    def enough(correction: PETSc.Vec, iteration: int, norm: float, unit: float) -> bool:
+        return iteration >= ITERATIONS
+
+    slack = STALE * changed
+    solver.solve(system, x, held, rtol * measure.scale, check=enough, slack=slack)
+    system.project(x)
+    return measure(x)
