@@ -26,6 +26,7 @@ from dolfinx_signorini.meshes.elements import facet_dofs
 from dolfinx_signorini.meshes.polynomials import equispaced
 from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs, facet_scale
 from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT, FREE_BOUNDARY_EXPONENT
+from dolfinx_signorini.norms.power_sums import total
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem, Contact
 
 SAMPLES = 24  # on each edge of a facet
@@ -96,8 +97,10 @@ def unknown_ends(solved: Solved, dual: Dual | None) -> Array:
 
     Where the end has moved with the division of a cell, the difference of both solutions shows the
     error, and where the end has stayed, the error is unseen. In a sup norm both count. Dual
-    solutions weigh the ends by the forces that hold them; errors of functionals have signs, and
-    cancel unless all ends stay, or all move, as along a line of the mesh.
+    solutions weigh the ends by the forces that hold them, unless that is more than all of the
+    difference they are made for: then the norms of what ends may be off count. Errors of
+    functionals have signs, and cancel unless all ends stay, or all move, as along a line of the
+    mesh.
     """
     norm, zone = solved.target.norm, solved.fine.zones[0]  # cells come first
     if not zone.in_domain:
@@ -116,7 +119,9 @@ def unknown_ends(solved: Solved, dual: Dual | None) -> Array:
         around = summed(zone.space.dofmap.index_map, dofs[ends])
         sizes = np.abs(dual.forces.x.array) / np.maximum(around, 1.0)
         parts[cells[ends]] = off * (sizes[dofs[ends]] * touching[ends]).sum(axis=1)
-        return solved.on_parents(np.array([parts, parts]))
+        if norm is None or total(parts, 1.0, solved.fine.comm) <= solved.distance:
+            return solved.on_parents(np.array([parts, parts]))
+        # The difference is none of the ends, and its dual solution looks elsewhere.
     assert norm is not None  # a functional has a dual solution
     domain = zone.space.mesh
     dim, sizes = domain.topology.dim, volumes(domain)[cells[ends]]
