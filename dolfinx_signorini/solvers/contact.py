@@ -21,7 +21,7 @@ from dolfinx_signorini.solvers.prediction import predict, settled
 from dolfinx_signorini.solvers.pressure import ContactState
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.solvers.result import SolveResult
-from dolfinx_signorini.solvers.rough_steps import tried
+from dolfinx_signorini.solvers.rough_steps import rough_step
 from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.solvers.system import System
 from dolfinx_signorini.solvers.tao import TaoRounds
@@ -149,7 +149,8 @@ class ActiveSetSolver:
             if not rough or before <= measure.rtol:
                 return held, False
             if before <= CLOSE and not system.singular:
-                held, residual = tried(system, self.linear, measure, x, held, measure.rtol)
+                start = system, self.linear, measure, x, held, measure.rtol
+                held, _, residual = rough_step(*start)
                 if residual < before:
                     return held, False
         elif coarse is None and out_of_reach(system, x):

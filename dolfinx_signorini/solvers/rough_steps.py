@@ -63,45 +63,39 @@ def rough_steps(
     Returns:
         The active set, and the relative natural residual of x.
     """
-    rows, residual = Rows(system.A), measure.relative
+    residual = measure.relative
     for kind in ("forward", "backward") * (LONGEST // 2):
-        before, held = held, swept(system, rows, kind, x, measure.multiplier)
-        changed = system.comm.allreduce(int((before != held).sum()))
-        if not changed:
-            break
-        residual = _improved(system, solver, measure, x, held, rtol, changed)
-        if residual <= rtol:
+        held, changed, residual = rough_step(system, solver, measure, x, held, rtol, kind, False)
+        if not changed or residual <= rtol:
             break
     return held, residual
 
 
-def tried(
+def rough_step(
     system: System,
     solver: LinearSolver,
     measure: NaturalResidual,
     x: PETSc.Vec,
     held: Mask,
     rtol: float,
-) -> tuple[Mask, float]:
-    """Improve x by one rough step, see `rough_steps`, even where the sweep changes no set.
+    kind: str = "forward",
+    always: bool = True,
+) -> tuple[Mask, int, float]:
+    """Improve x by a sweep and some conjugate gradients, see `rough_steps` for the arguments.
 
     Conjugate gradients for a set that is far from the right one raise the residual.
+
+    Args:
+        kind: "forward" or "backward".
+        always: Whether conjugate gradients follow a sweep that changes nothing of the set, too.
+
+    Returns:
+        The active set, how many of its dofs the sweep has changed, and the residual of x.
     """
-    before, held = held, swept(system, Rows(system.A), "forward", x, measure.multiplier)
+    before, held = held, swept(system, Rows(system.A), kind, x, measure.multiplier)
     changed = system.comm.allreduce(int((before != held).sum()))
-    return held, _improved(system, solver, measure, x, held, rtol, changed)
-
-
-def _improved(
-    system: System,
-    solver: LinearSolver,
-    measure: NaturalResidual,
-    x: PETSc.Vec,
-    held: Mask,
-    rtol: float,
-    changed: int,
-) -> float:
-    """Improve x by some conjugate gradients for a set that has changed, and return its residual."""
+    if not (changed or always):
+        return held, changed, measure.relative
 
     def enough(correction: PETSc.Vec, iteration: int, norm: float, unit: float) -> bool:
         return iteration >= ITERATIONS
@@ -109,4 +103,4 @@ def _improved(
     slack = STALE * changed
     solver.solve(system, x, held, rtol * measure.scale, check=enough, slack=slack)
     system.project(x)
-    return measure(x)
+    return held, changed, measure(x)
