@@ -42,6 +42,7 @@ from dolfinx_signorini.bounds.lifted_energy import cone_norms, lifted_energy, ro
 from dolfinx_signorini.bounds.reference_flux import reference_flux
 from dolfinx_signorini.bounds.remainders import Solved
 from dolfinx_signorini.bounds.strong_form import EnergyTerms, strong_form
+from dolfinx_signorini.bounds.transport import HIDDEN
 from dolfinx_signorini.data.interfaces.facet_jumps import data_jumps
 from dolfinx_signorini.data.reading import formula_of
 from dolfinx_signorini.meshes.sided_meshes import is_straight, longest_side
@@ -49,7 +50,6 @@ from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.signorini import one_sided
 
 TORN = "the Dirichlet data jump: no solution has finite energy"
-HIDDEN = 0.02  # of the flux part of a bound, or a guess of it
 # Of the strongest reaction, where no cell has a strong one: with all of it, and with a hundredth,
 # bounds are the same to 0.7 % for six reactions and degrees 1 to 3.
 NEAR = 0.25
