@@ -23,6 +23,7 @@ from dolfinx_signorini.data.approximations import KINKED, followed_in_parts
 from dolfinx_signorini.data.branches import Decided, decided
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.data.matrices import eigenvalues, inverse_entries
+from dolfinx_signorini.meshes.elements import discontinuous_space
 from dolfinx_signorini.meshes.polynomials import polynomials
 
 DEGREES = {2: (3, 6), 3: (2, 4)}  # of the polynomials that are tried, by dimension
@@ -136,6 +137,6 @@ def cell_function(domain: mesh.Mesh, coefficients: Array, degree: int) -> fem.Fu
         coefficients: In terms of `reference_flux.polynomials`, shape (cells, polynomials).
         degree: The degree of the polynomials.
     """
-    space = fem.functionspace(domain, ("DG", degree))
+    space = discontinuous_space(domain, degree)
     table = polynomials(domain.topology.dim, degree, space.element.basix_element.points)
     return function_with(space, space.dofmap.list[: len(coefficients)], coefficients @ table)

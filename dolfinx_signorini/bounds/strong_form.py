@@ -22,6 +22,7 @@ from dolfinx_signorini.data.interfaces import rules
 from dolfinx_signorini.data.interfaces.singular_sets import margins
 from dolfinx_signorini.data.reading import Unreadable, lowered, more_coordinates, roots
 from dolfinx_signorini.data.readings import Reading
+from dolfinx_signorini.meshes.elements import discontinuous_space
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_count
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.dirichlet import data_of_condition
@@ -223,7 +224,7 @@ class _Coefficients:
     @cached_property
     def _indicators(self) -> list[Scalar]:
         """For each integral 1 in the cells that the integral is over, and 0 in others."""
-        space, result = fem.functionspace(self._domain, ("DG", 0)), list[Scalar]()
+        space, result = discontinuous_space(self._domain, 0), list[Scalar]()
         for integral in self._integrals:
             cells = None
             if integral.integral_type() == "cell":

@@ -14,6 +14,7 @@ Ainsworth, Andriamaro and Davydov, SIAM J. Sci. Comput. 33 (2011) 3087-3109.
 import functools
 from collections.abc import Iterator
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import basix
 import basix.ufl
@@ -29,6 +30,8 @@ HIGHEST_DEGREE = 4  # that problems are tested with
 LARGEST_DEGREE = 2 * HIGHEST_DEGREE
 
 _element = functools.cache(basix.ufl.element)
+# By mesh and degree; spaces in Python would keep their mesh for ever.
+_numbered: WeakKeyDictionary[mesh.Mesh, dict[int, Any]] = WeakKeyDictionary()
 
 
 def bernstein_space(
@@ -75,9 +78,18 @@ def lagrange_space(
     return fem.functionspace(domain, element)
 
 
-def constants(domain: mesh.Mesh) -> fem.FunctionSpace:
-    """Return the functions that are constant in each cell of a mesh."""
-    return fem.functionspace(domain, _element("DG", domain.topology.cell_name(), 0))
+def discontinuous_space(domain: mesh.Mesh, degree: int) -> fem.FunctionSpace:
+    """Return the piecewise polynomials of a degree that may jump, whose dofs a mesh numbers once.
+
+    Args:
+        domain: The mesh; the call is collective.
+        degree: The polynomial degree; of degree 0 the functions are constant in each cell.
+    """
+    element = _element("DG", domain.topology.cell_name(), degree)
+    numbered = _numbered.setdefault(domain, {})
+    if degree not in numbered:
+        numbered[degree] = fem.functionspace(domain, element)._cpp_object
+    return fem.FunctionSpace(domain, element, numbered[degree])
 
 
 def is_bernstein(space: fem.FunctionSpace) -> bool:

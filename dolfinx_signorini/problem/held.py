@@ -36,7 +36,7 @@ from dolfinx_signorini.base.tolerances import (
     SOLVED,
     TINY,
 )
-from dolfinx_signorini.meshes.elements import constants
+from dolfinx_signorini.meshes.elements import discontinuous_space
 from dolfinx_signorini.meshes.sided_meshes import box, owned_cells
 from dolfinx_signorini.solvers.loose import Loose
 from dolfinx_signorini.solvers.motions import motions_of, owned_places
@@ -360,7 +360,7 @@ def _energies(a: ufl.Form, layout: Layout, loose: Loose) -> tuple[Array, float]:
         if apply_derivatives(ufl.replace(a, {trial: constant})).empty():
             return np.zeros((len(loose.counts), 1, 1)), 0.0
     first, second, parts = fem.Function(space), fem.Function(space), layout.components
-    in_cells = constants(space.mesh)
+    in_cells = discontinuous_space(space.mesh, 0)
     one = ufl.TestFunction(in_cells)
     integrals = [
         each.reconstruct(

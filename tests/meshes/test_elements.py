@@ -1,5 +1,8 @@
 """The Bernstein basis: the constraint holds between the nodes, and the bases fit together."""
 
+import gc
+import weakref
+
 import basix
 import basix.ufl
 import numpy as np
@@ -17,6 +20,7 @@ from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.elements import (
     coefficients_of,
     control_points,
+    discontinuous_space,
     is_bernstein,
     nodal_space,
     subtriangles,
@@ -48,6 +52,25 @@ def lowest_on_contact(problem, obstacle=lambda x: 0.0 * x[0]):
     points = Points(domain, pairs, lattice)
     gap = points.values(problem.u)[0] - obstacle(points.x)
     return COMM.allreduce(float(gap.min(initial=np.inf)), op=MPI.MIN)
+
+
+@pytest.mark.parametrize("degree", (0, 2))
+@pytest.mark.parametrize("dimension", (2, 3))
+def test_polynomials_that_may_jump_are_numbered_once_and_let_their_mesh_go(dimension, degree):
+    domain = domains(dimension)
+    space, other = (discontinuous_space(domain, degree) for _ in range(2))
+    own = fem.functionspace(domain, ("DG", degree))
+    assert space == other and space != own
+    u, v = fem.Function(other), fem.Function(own)
+    for each in (u, v):
+        each.interpolate(lambda x: np.floor(3.0 * x[0]) + (x[0] * x[1] if degree else 0.0))
+    x = ufl.SpatialCoordinate(domain)
+    for form in (u - v) ** 2 * ufl.dx, (u - v) * x[0] * ufl.ds:
+        assert abs(COMM.allreduce(fem.assemble_scalar(fem.form(form)))) < 1e-15
+    seen = weakref.ref(domain)
+    del domain, space, other, own, u, v, x, each, form
+    gc.collect()
+    assert seen() is None
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

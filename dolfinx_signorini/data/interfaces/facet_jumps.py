@@ -8,7 +8,7 @@ import basix
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import fem, mesh
+from dolfinx import mesh
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices
@@ -19,6 +19,7 @@ from dolfinx_signorini.data.interfaces.interface import inner_lattice, interface
 from dolfinx_signorini.data.interfaces.jumps import Projection
 from dolfinx_signorini.data.interfaces.pieces import inside
 from dolfinx_signorini.data.interfaces.singular_sets import is_singular
+from dolfinx_signorini.meshes.elements import discontinuous_space
 from dolfinx_signorini.meshes.polynomials import barycentric
 from dolfinx_signorini.meshes.sided_meshes import (
     entity_nodes,
@@ -58,8 +59,8 @@ def integrable_on_facets(
     found, values = Projection(formula, domain, element, corners).coefficients()
     if not domain.comm.allreduce(len(found)):
         return result
-    space = fem.functionspace(domain, ("DG", degree))
-    marks = fem.functionspace(domain, ("DG", dimension))
+    space = discontinuous_space(domain, degree)
+    marks = discontinuous_space(domain, dimension)
     for local in range(len(vertices)):
         chosen = pairs[found, 1] == local
         if not domain.comm.allreduce(int(chosen.sum())):

@@ -16,7 +16,7 @@ import basix
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import fem, mesh
+from dolfinx import mesh
 from ufl.core.expr import Expr
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
@@ -34,7 +34,7 @@ from dolfinx_signorini.data.interfaces.pieces import (
     with_reference,
 )
 from dolfinx_signorini.data.interfaces.singular_sets import NEAR_POLE, is_singular, poles
-from dolfinx_signorini.meshes.elements import constants
+from dolfinx_signorini.meshes.elements import discontinuous_space
 from dolfinx_signorini.meshes.quadrature import MANY, QuadratureRule, interior_rule
 from dolfinx_signorini.meshes.sided_meshes import cell_corners, longest_side, sampled
 
@@ -57,12 +57,12 @@ def integrable(formula: Formula, domain: mesh.Mesh, degree: int) -> Expr:
     smooth = formula.ufl(ufl.SpatialCoordinate(domain))
     if not is_singular(formula):
         return smooth
-    space = fem.functionspace(domain, ("DG", degree))
+    space = discontinuous_space(domain, degree)
     element = space.element.basix_element
     cells, values = Projection(formula, domain, element, cell_corners(domain)).coefficients()
     if not domain.comm.allreduce(len(cells)):
         return smooth
-    steps = constants(domain)
+    steps = discontinuous_space(domain, 0)
     marks = function_with(steps, steps.dofmap.list[cells, 0], 1.0)
     projection = function_with(space, space.dofmap.list[cells], values)
     return ufl.conditional(ufl.gt(marks, 0.5), projection, smooth)
