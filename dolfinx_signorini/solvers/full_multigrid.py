@@ -67,7 +67,8 @@ class Level:
         signs: Array,
     ):
         self.matrix, self.rows, self.load, self.bounds = matrix, Rows(matrix), load, bounds
-        self._signs = signs
+        self._signs, self._opposite = signs, signs < 0.0
+        self._turned = bool(self._opposite.any())
         self.prolongation = prolongation
         self._rest, self._left, self._step, self._more = (load.duplicate() for _ in range(4))
         if prolongation is not None:
@@ -171,8 +172,9 @@ class Level:
 
     def _aligned(self, bounds: Bounds) -> Bounds:
         """The bounds of the values times the signs, which coarse functions raise; and back."""
-        lower, upper = bounds
-        opposite = self._signs < 0.0
+        if not self._turned:
+            return bounds
+        (lower, upper), opposite = bounds, self._opposite
         return np.where(opposite, -upper, lower), np.where(opposite, -lower, upper)
 
     def _prolonged(self, values: Array) -> Array:
