@@ -16,7 +16,7 @@ from dolfinx_signorini.bounds.cell_scales import CellScales
 from dolfinx_signorini.bounds.condensation import DIRICHLET, OPEN, CellData, coefficients
 from dolfinx_signorini.bounds.reference_flux import ReferenceFlux
 from dolfinx_signorini.bounds.remainders import Solved
-from dolfinx_signorini.bounds.transport import transported
+from dolfinx_signorini.bounds.transport import HIDDEN, transported
 from dolfinx_signorini.meshes.polynomials import lowest
 
 
@@ -109,9 +109,11 @@ def without_pressure(data: CellData, marked: Mask) -> CellData:
 
 
 def without_defects(
-    solved: Solved, scales: CellScales, data: CellData, moments: Array, ends: Mask
+    solved: Solved, scales: CellScales, data: CellData, moments: Array, ends: Mask, least: float
 ) -> tuple[CellData, Array, str]:
     """Carry away what is left in cells without much reaction.
+
+    Where reactions alone take up all that is left for next to nothing, no flux carries anything.
 
     Args:
         solved: The problem; the call is collective.
@@ -119,6 +121,7 @@ def without_defects(
         data: The cells.
         moments: The moments of a flux on facets.
         ends: The cells that take up what is left by their reaction.
+        least: What the flux part of the bound is at least, about.
 
     Returns:
         The cells, where those that an obstacle would have to pull have no pressure any more, the
@@ -131,7 +134,7 @@ def without_defects(
         if changed is not moments and not more:
             return data, changed, reason
         data = without_pressure(data, pulled)
-        changed, reason = _carried(solved, scales, data, moments, ends)
+        changed, reason = _carried(solved, scales, data, moments, ends, least)
 
 
 def _pulled(data: CellData, moments: Array, ends: Mask) -> Mask:
@@ -140,7 +143,7 @@ def _pulled(data: CellData, moments: Array, ends: Mask) -> Mask:
 
 
 def _carried(
-    solved: Solved, scales: CellScales, data: CellData, moments: Array, ends: Mask
+    solved: Solved, scales: CellScales, data: CellData, moments: Array, ends: Mask, least: float
 ) -> tuple[Array, str]:
     """The moments that carry away what is left in cells without a pressure; or why not.
 
@@ -151,8 +154,11 @@ def _carried(
     sinks[data.sides != 0] = np.inf
     moments, settled = moments.copy(), (data.strength > 0.0) | (data.sides != 0)
     wanted = np.where(settled, 0.0, -_defects(data, moments))
-    if not anywhere(comm, wanted != 0.0):
-        return moments, ""
+    left, takes = wanted != 0.0, sinks > 0.0
+    if not anywhere(comm, left & ~takes):
+        taken = comm.allreduce(float((wanted[takes] ** 2 / sinks[takes]).sum()))
+        if taken <= (HIDDEN * least) ** 2:
+            return moments, ""
     if not anywhere(comm, (sinks > 0.0).any() or exits.any()):
         contact = data.kinds >= OPEN
         force = comm.allreduce(float(moments[contact, 0].sum()))

@@ -33,6 +33,7 @@ from dolfinx_signorini.bounds.flux_parts import (
     FluxParts,
     Oscillation,
     flux_parts,
+    least_flux,
     oscillation,
     with_better,
 )
@@ -147,7 +148,8 @@ def bound_by_flux(solved: Solved) -> EnergyBound:
     better = better_fluxes(solved, data, moments, *more) if in_cells else None
     if better is not None:
         data, moments = better.into(data, moments)
-    data, moments, reason = without_defects(solved, scales, data, moments, ends)
+    least = least_flux(solved, quadrature, data, moments, reference)
+    data, moments, reason = without_defects(solved, scales, data, moments, ends, least)
     if not in_cells:  # the divergence stays as it is
         better = better_fluxes(solved, data, moments, *more)
         moments = moments if better is None else better.into(data, moments)[1]
