@@ -36,7 +36,7 @@ GEOMETRIC_ITERATIONS = 4  # what a set-up of geometric multigrid costs
 # Geometric multigrid is slow where so many iterations reduce the residual by less than a factor, or
 # a multiple of them by less than its power: on stretched cells the first digits are quick. By
 # dimension: BoomerAMG costs as much as 40 iterations in the plane and 80 in space.
-SLOW = 8
+PERIOD = 8
 LITTLE = {1: 1e-2, 2: 1e-2, 3: 1e-1}
 # Of the contact dofs: so many may have changed since the set-up. With half of them three ranks take
 # twice the iterations on small problems in the plane, and with a twentieth every second step of a
@@ -292,7 +292,7 @@ class IterativeSolver(LinearSolver):
         known = (ksp.vec_sol, iterations, norm, self._unit)
         if any(check(*known) for check in self._checks):
             return PETSc.KSP.ConvergedReason.CONVERGED_ATOL
-        if self.multigrid is None or iterations == 0 or iterations % SLOW != 0:
+        if self.multigrid is None or iterations == 0 or iterations % PERIOD != 0:
             return None
         slow = norm > self._watched
         self._watched *= self._little

@@ -20,7 +20,7 @@ from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers.linear import hierarchy, lattice, projected
 from dolfinx_signorini.solvers.linear.algebraic import AMG, HYPRE
 from dolfinx_signorini.solvers.linear.hierarchy import degree_prolongations, prolongations
-from dolfinx_signorini.solvers.linear.iterative import SLOW, IterativeSolver
+from dolfinx_signorini.solvers.linear.iterative import PERIOD, IterativeSolver
 from dolfinx_signorini.solvers.linear.lattice import coarsened, find_lattice
 from dolfinx_signorini.solvers.linear.multigrid import Multigrid
 
@@ -326,7 +326,7 @@ def test_convergence_that_becomes_slow_leads_to_boomeramg(height, monkeypatch):
     monkeypatch.setattr(lattice, "FLAT", np.inf)
     problem = loaded(stretched(1.0, height))
     solver, residual = solved(problem, held_below(problem))
-    few = 2 * SLOW + 12  # two looks at the pace, then BoomerAMG
+    few = 2 * PERIOD + 12  # two looks at the pace, then BoomerAMG
     assert solver.setups == 2 and solver.iterations <= few
     assert residual <= 1.001e-8
     solver.destroy()
