@@ -12,6 +12,8 @@ pytestmark = pytest.mark.pure
 
 ROOT = Path(dolfinx_signorini.__file__).parent
 TESTS = ROOT.parent / "tests"
+# What a problem needs; accuracy, bounds and scenes would take as long to load again.
+OF_A_PROBLEM = {"base", "meshes", "data", "solvers", "problem"}
 # Whoever imports the paper: its own room, and the command line.
 PAPER = "dolfinx_signorini.studies.paper."
 OF_THE_PAPER = {"studies", "commands"}
@@ -62,7 +64,27 @@ def test_what_is_general_knows_nothing_of_the_paper():
         )
     }
     rooms = {name.split(".")[1] for name in knowing}
-    assert rooms - OF_THE_PAPER <= {"__init__"}
+    assert rooms == OF_THE_PAPER
+
+
+def test_a_problem_loads_no_more_rooms_than_it_needs():
+    names = modules()
+    graph = {name: imports(path, names) for name, path in names.items()}
+    package = "dolfinx_signorini.__init__"
+    reached, ahead = set(), {package, "dolfinx_signorini.problem.signorini"}
+    while ahead:
+        reached |= ahead
+        ahead = set().union(*(graph[name] for name in ahead)) - reached
+    assert {name.split(".")[1] for name in reached - {package}} == OF_A_PROBLEM
+
+
+def test_the_stub_exports_what_the_package_has():
+    tree = ast.parse((ROOT / "__init__.pyi").read_text())
+    (exported,) = (ast.literal_eval(n.value) for n in tree.body if isinstance(n, ast.Assign))
+    assert sorted(exported) == sorted(dolfinx_signorini.__all__)
+    assert set(exported) <= set(dir(dolfinx_signorini))
+    assert all(hasattr(dolfinx_signorini, name) for name in exported)
+    assert (ROOT / "py.typed").exists()  # else type checkers look at nothing
 
 
 def rooms_of_the_map():
