@@ -159,7 +159,7 @@ def _carried(
         taken = comm.allreduce(float((wanted[takes] ** 2 / sinks[takes]).sum()))
         if taken <= (HIDDEN * least) ** 2:
             return moments, ""
-    if not anywhere(comm, (sinks > 0.0).any() or exits.any()):
+    if not anywhere(comm, takes.any() or exits.any()):
         contact = data.kinds >= OPEN
         force = comm.allreduce(float(moments[contact, 0].sum()))
         factor = 1.0 + comm.allreduce(float(wanted.sum())) / (force or np.inf)
