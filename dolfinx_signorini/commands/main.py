@@ -13,8 +13,9 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from typing import Any, NoReturn
 
 from mpi4py import MPI
@@ -22,26 +23,18 @@ from mpi4py import MPI
 from dolfinx_signorini.base.errors import InputError, NotConvergedError
 from dolfinx_signorini.base.logs import listen, log
 from dolfinx_signorini.base.records import versions
-from dolfinx_signorini.commands import check, reproduce, solve, sweep, theory, tradeoff
 from dolfinx_signorini.commands.options import add_talk, completion
 from dolfinx_signorini.commands.printing import Guarded
 
+# Each is a module here, which loads when the job is named.
 JOBS = {
-    "solve": (solve, "solve a scene file and write its results"),
-    "sweep": (sweep, "solve a scene file for several values of one key: a table and a plot"),
-    "check": (check, "what a scene file needs and costs, without solving it"),
-    "reproduce": (reproduce, "the paper's experiment: both tables and the pictures"),
-    "theory": (
-        theory,
-        "the paper's statements as experiments, proven beside measured (over a minute)",
-    ),
-    "tradeoff": (
-        tradeoff,
-        "speed against accuracy: errors and seconds on a grid of meshes (some minutes)",
-    ),
+    "solve": "solve a scene file and write its results",
+    "sweep": "solve a scene file for several values of one key: a table and a plot",
+    "check": "what a scene file needs and costs, without solving it",
+    "reproduce": "the paper's experiment: both tables and the pictures",
+    "theory": "the paper's statements as experiments, proven beside measured (over a minute)",
+    "tradeoff": "speed against accuracy: errors and seconds on a grid of meshes (some minutes)",
 }
-
-
 STOPS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -66,12 +59,16 @@ class _Completion(argparse.Action):
     """Prints a script for a shell, and ends."""
 
     def __call__(self, parser: argparse.ArgumentParser, *values: Any) -> NoReturn:
-        print(completion(parser, values[1]))
+        print(completion(make_parser(), values[1]))
         parser.exit()
 
 
-def make_parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line, with all jobs."""
+def make_parser(named: Collection[str] = tuple(JOBS)) -> argparse.ArgumentParser:
+    """Return the parser of the command line, with all jobs.
+
+    Args:
+        named: The jobs whose arguments the parser knows; all by default.
+    """
     parser = _Parser(
         prog="dolfinx-signorini",
         description="Signorini problems on FEniCSx: solve, measure the error, compare.",
@@ -91,11 +88,17 @@ def make_parser() -> argparse.ArgumentParser:
     add_talk(parser)
     parser.set_defaults(level=logging.INFO)
     jobs = parser.add_subparsers(dest="job", required=True, metavar="JOB", parser_class=_Parser)
-    for name, (module, summary) in JOBS.items():
+    for name, summary in JOBS.items():
         job = jobs.add_parser(name, help=summary, description=summary)
-        module.configure(job)
+        if name in named:
+            _module(name).configure(job)
         add_talk(job)
     return parser
+
+
+def _module(job: str) -> Any:
+    """The module of a job."""
+    return import_module(f"dolfinx_signorini.commands.{job}")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -118,9 +121,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     level = log.level
     try:
         with _stoppable():
-            args = make_parser().parse_args(argv)
+            words = sys.argv[1:] if argv is None else argv
+            args = make_parser(JOBS.keys() & set(words)).parse_args(words)
             handler = listen(args.level)
-            code = int(JOBS[args.job][0].run(args))
+            code = int(_module(args.job).run(args))
             guarded.flush()
         if guarded.failure:
             raise InputError(f"cannot be written: {guarded.failure}", "standard output")

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import dolfinx_signorini
+from dolfinx_signorini.commands.main import JOBS
 
 pytestmark = pytest.mark.pure
 
@@ -76,6 +77,8 @@ def test_a_problem_loads_no_more_rooms_than_it_needs():
         reached |= ahead
         ahead = set().union(*(graph[name] for name in ahead)) - reached
     assert {name.split(".")[1] for name in reached - {package}} == OF_A_PROBLEM
+    jobs = {f"dolfinx_signorini.commands.{name}" for name in JOBS}
+    assert jobs < set(names) and not jobs & graph["dolfinx_signorini.commands.main"]
 
 
 def test_the_stub_exports_what_the_package_has():
