@@ -84,11 +84,7 @@ def least_flux(
     the cells of each rank tells the k for which this is most.
 
     Args:
-        solved: The problem; the call is collective.
-        quadrature: The degree of the rule for cells.
-        data: The cells.
-        moments: The moments of the flux on facets, shape (cells, d + 1, moments).
-        reference: The fields.
+        solved, quadrature, data, moments, reference: See `flux_parts`.
     """
     cells = np.arange(0, len(moments), max(len(moments) // ENOUGH, 1))
     values = cell_values(solved.some(cells), quadrature)
