@@ -55,14 +55,14 @@ def evaluator(
     Raises:
         InputError: The data have several values where cells meet.
     """
-    if isinstance(value, Expr):
-        _check_continuous(value, name)
     if isinstance(value, int | float | np.number | RealValue | Zero):  # UFL's have no mesh
         return lambda: np.full(len(dofs), float(value))
     if isinstance(value, fem.Function) and value.function_space == space:
         return lambda: value.x.array[dofs].copy()
     if is_bernstein(space):
         return _coefficients(space, value, dofs, name)
+    if isinstance(value, Expr):
+        _check_continuous(value, name)
     g = fem.Function(space)
     wanted = np.zeros(len(g.x.array), dtype=bool)
     wanted[dofs] = True
