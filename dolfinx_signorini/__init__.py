@@ -8,7 +8,7 @@ The rooms of the package are in CONTRIBUTING.md.
 
 import lazy_loader
 
-from dolfinx_signorini.base import requirements
+from dolfinx_signorini.base import requirements  # which asks for dolfinx, and loads its MPI
 
 del requirements
 

@@ -91,14 +91,11 @@ def make_parser(named: Collection[str] = tuple(JOBS)) -> argparse.ArgumentParser
     for name, summary in JOBS.items():
         job = jobs.add_parser(name, help=summary, description=summary)
         if name in named:
-            _module(name).configure(job)
+            module = import_module(f"dolfinx_signorini.commands.{name}")
+            module.configure(job)
+            job.set_defaults(run=module.run)
         add_talk(job)
     return parser
-
-
-def _module(job: str) -> Any:
-    """The module of a job."""
-    return import_module(f"dolfinx_signorini.commands.{job}")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -124,7 +121,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             words = sys.argv[1:] if argv is None else argv
             args = make_parser(JOBS.keys() & set(words)).parse_args(words)
             handler = listen(args.level)
-            code = int(_module(args.job).run(args))
+            code = int(args.run(args))
             guarded.flush()
         if guarded.failure:
             raise InputError(f"cannot be written: {guarded.failure}", "standard output")
