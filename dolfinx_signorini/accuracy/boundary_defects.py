@@ -73,7 +73,6 @@ class Distances:
         off: The distances at the points of `facet_lattice`, shape (facets, points). On facets that
             are not in contact only what an obstacle has beyond the solution.
         held: Whether a facet is held at its data, by contact or by a condition.
-        contact: Whether the data are an obstacle.
         along: Returns what of a function of the space has these data: for each node the function
             itself, or of vectors a component.
     """
@@ -81,7 +80,6 @@ class Distances:
     pairs: LocalIndices
     off: Array
     held: Mask
-    contact: bool
     along: Callable[[fem.Function], Array]
 
 
@@ -106,22 +104,23 @@ def data_between_nodes(solved: Solved, dual: Dual | None) -> Array:
     """Return what distances from data are in J(u - w).
 
     On a held facet, -G(u_D - w): the force that holds the dual solution there times the mean
-    distance. On a facet whose nodes are free the obstacle lifts the solution by the largest
-    distance, with at most the force that does so at a dof of the facet, times the dual solution
-    there. In cells, J itself.
+    distance. Of a norm, -a(z, u_D - w), for J(u_D - w) is in `data_defects`. On a facet whose nodes
+    are free the obstacle lifts the solution by the largest distance, with at most the force that
+    does so at a dof of the facet, times the dual solution there. In cells, J itself.
     """
     problem = solved.fine
     if dual is None:
         return np.zeros((2, solved.count))
     space = problem.system.layout.nodal
     result = np.zeros((2, len(owned_cells(space.mesh))))
-    lifted = lifting_forces(problem, dual.z)
+    lifted, forces = lifting_forces(problem, dual.z), fem.Function(problem.space)
+    forces.x.array[:] = dual.forces.x.array
+    if solved.target.norm is not None:
+        forces.x.array[:] += dual.load.x.array
     gap = problem.gap.x.array
     for distances in distances_from_data(problem):
         pairs, off, along = distances.pairs, distances.off, distances.along
-        # For a norm, two solutions that meet the obstacle at the same nodes know no z.
-        known = not distances.contact or solved.target.norm is None
-        fixed = -known * shared_by_facets(space, pairs, along(dual.forces)) * off.mean(axis=1)
+        fixed = -shared_by_facets(space, pairs, along(forces)) * off.mean(axis=1)
         dofs = facet_dofs(space, pairs)
         lift = along(lifted)[dofs].mean(axis=1) * (off.max(axis=1) + off.min(axis=1))  # one is 0
         touching = np.abs(gap[dofs]).max(axis=1) <= SOLVED * np.abs(off).max(axis=1)
@@ -225,7 +224,7 @@ def _from_obstacles(problem: BoundConstrainedProblem) -> Iterator[Distances]:
         held = np.asarray(touching.all(axis=1))
         beyond = obstacle.sign * np.maximum(obstacle.sign * off, 0.0)
         off = np.where(held[:, None], off, beyond)
-        yield Distances(entities, off, held, True, lambda f: problem.along(f).x.array)
+        yield Distances(entities, off, held, lambda f: problem.along(f).x.array)
 
 
 def _varying_obstacles(
@@ -254,7 +253,7 @@ def _from_conditions(problem: BoundConstrainedProblem) -> Iterator[Distances]:
         value = datum(domain, known.value)(points)
         off = value - points.values(problem.u)[known.component]
         off = np.where(np.isfinite(off), off, 0.0)
-        yield Distances(points.places, off, held, False, component)
+        yield Distances(points.places, off, held, component)
 
 
 def _component(k: int, f: fem.Function) -> Array:

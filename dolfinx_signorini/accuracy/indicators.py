@@ -36,6 +36,7 @@ from dolfinx_signorini.accuracy.terms import (
     algebra,
     assembled,
     dual_solution,
+    met,
     product,
     quadrature,
 )
@@ -72,8 +73,8 @@ class Indicators:
         worst = found.cells.argmax()
 
     Attributes:
-        difference: The norm of the difference; for a functional the sum of the sizes of what basis
-            functions add to the functional of the difference.
+        difference: The norm of the difference, of which a dual solution takes what known data leave
+            away; for a functional the sum of the sizes of what cells add to that of the difference.
         cells: For each owned cell of the coarse mesh what the cell adds to the difference; the
             power with which these numbers add up is that of the target.
         local: For each cell the part of this number that the solution alone tells: with a dual
@@ -110,12 +111,17 @@ def indicators(solved: Solved, unseen: Sequence[Term] = UNSEEN) -> Indicators:
         load = _derivative(solved.error, target)
         dual = dual_solution(solved, load, None if norm is None else apart)
         signed, cells = np.sum([term(solved, dual) for term in TERMS], axis=0)
+        known = met(solved, dual)
+        whole, of_data = (total(part, 1.0, fine.comm) for part in (cells, known[1]))
         if norm is None:
             # Basis functions cancel inside of cells on all meshes, and cells each other by chance.
-            apart = max(apart, total(np.abs(signed), 1.0, fine.comm))
-            cells *= apart / (total(cells, 1.0, fine.comm) or 1.0)
+            found = dual.value - fine.comm.allreduce(float(known[0].sum()))
+            apart = max(abs(found), total(np.abs(signed), 1.0, fine.comm))
+            cells *= apart / (whole or 1.0)
             if not target.rough:
                 resolved &= _resolved(solved, dual.z, dual.detail)
+        else:
+            apart *= whole / (whole + of_data or 1.0)
         local = np.sqrt(solved.on_cells(product(solved.residual, solved.detail))[1])
         rest, left = _together(unseen, solved, dual), algebra(solved, dual)[0].sum()
         iterated = abs(fine.comm.allreduce(float(left)))

@@ -303,7 +303,8 @@ class Loop:
         self.rounds += 1
         rates, found = self.estimator.rates, self.estimator.found
         if self.rounds == 1:
-            marks = mark_worst(self.sided, found.cells, rates.order, rates.power)
+            left = self.estimator.prediction.remaining
+            marks = mark_worst(self.sided, left, rates.order, rates.power)
             divided = marks.apply(self.sided, self.curves.fit)
         else:
             reached = accuracy is not None and estimate <= accuracy

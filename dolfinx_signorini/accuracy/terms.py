@@ -9,10 +9,14 @@ on the undivided mesh,
 
 with the contact forces F of u_h and F_w of w. The first term has the residuals in cells, the jumps
 of the flux and the conditions on it; the second one the dofs in contact that w has released; the
-third one those that w has caught, and the Dirichlet data between the nodes of u_h; the fourth one
-those that w has caught, and hardly presses, at which z is free; and Q = R + F what rounding and the
-quadrature on the undivided mesh leave of the equations of u_h. All sums are over basis functions,
-so that each term is known with its sign where its functions are.
+third one those that w has caught, and the data between the nodes of u_h; the fourth one those that
+w has caught, and hardly presses, at which z is free; and Q = R + F what rounding and the quadrature
+on the undivided mesh leave of the equations of u_h. All sums are over basis functions, so that each
+term is known with its sign where its functions are.
+
+Where both solutions meet obstacles or Dirichlet data that are known between the nodes, nothing is
+extrapolated from the third term: the distance of w from the data tells what w leaves there, see
+`boundary_defects`.
 
 A norm of w - u_h is J(w - u_h), where J is the derivative of the norm. What w itself leaves, and no
 comparison shows, has further terms, among them what quadrature leaves: a rule of a higher degree
@@ -39,14 +43,16 @@ from dolfinx_signorini.accuracy.cells import shared_out
 from dolfinx_signorini.accuracy.quadrature_errors import missed_by_quadrature
 from dolfinx_signorini.accuracy.targets import Target, size
 from dolfinx_signorini.base import compiled
-from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.petsc import destroy
-from dolfinx_signorini.base.ranks import highest, summed
+from dolfinx_signorini.base.ranks import highest, marked, summed
+from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.refinement import Transfer
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 from dolfinx_signorini.norms.power_sums import collected, total
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
+from dolfinx_signorini.problem.dirichlet import data_of_condition
 from dolfinx_signorini.solvers.stop import SHARE
 
 
@@ -113,17 +119,21 @@ class Solved:
         return self.distance / plain if plain > 0.0 else 1.0
 
     @functools.cached_property
+    def loads(self) -> fem.Function:
+        """L(v) for each basis function v on the divided mesh."""
+        return assembled(self.fine.assembled_forms[1], self.fine.space)
+
+    @functools.cached_property
     def residual(self) -> fem.Function:
         """R(v) = L(v) - a(u_h, v) for each basis function v on the divided mesh."""
-        loads = assembled(self.fine.assembled_forms[1], self.fine.space)
-        return difference(loads, self.acting(self.prolonged))
+        return difference(self.loads, self.acting(self.prolonged))
 
     @functools.cached_property
     def algebraic_residual(self) -> fem.Function:
         """R_w(v) = L(v) + F_w(v) - a(w, v) for each basis function v on the divided mesh."""
-        loads = assembled(self.fine.assembled_forms[1], self.fine.space)
-        loads.x.array[:] += self.contact_forces.x.array
-        return difference(loads, self.acting(self.fine.u))
+        left = difference(self.loads, self.acting(self.fine.u))
+        left.x.array[:] += self.contact_forces.x.array
+        return left
 
     @functools.cached_property
     def contact_forces(self) -> fem.Function:
@@ -180,6 +190,28 @@ class Solved:
         return np.array([np.bincount(self.parents, row, self.count) for row in values])
 
     @functools.cached_property
+    def met(self) -> Mask:
+        """Whether both solutions meet data at each dof that are known between the nodes, too.
+
+        These are Dirichlet data that `dirichlet` was given, and obstacles, where all dofs of u_h
+        around the dof are in contact or have Dirichlet data.
+        """
+        fine, dirichlet = self.fine, fem.Function(self.fine.space)
+        active = marked(fine.space, fine.active)
+        met: Mask = np.repeat(active, fine.space.dofmap.bs)
+        for condition in fine.bcs:
+            dirichlet.x.array[condition.dof_indices()[0]] = 1.0
+        around = self.transfer.restrict(dirichlet)
+        known = np.abs(around.x.array - 1.0) < SOLVED
+        pressed = np.any([part != 0.0 for part in component_arrays(self.coarse.forces)], axis=0)
+        around.x.array[:] = known | np.repeat(pressed, fine.space.dofmap.bs)
+        around.x.scatter_forward()
+        met &= np.abs(self.transfer.prolong(around).x.array - 1.0) < SOLVED
+        for condition in fine.bcs:
+            met[condition.dof_indices()[0]] = data_of_condition(condition) is not None
+        return met
+
+    @functools.cached_property
     def count(self) -> int:
         """The number of owned cells of the undivided mesh."""
         return len(owned_cells(self.coarse.u.function_space.mesh))
@@ -209,13 +241,15 @@ class Dual:
             Dirichlet data.
         detail: What z has beyond its interpolation on the undivided mesh.
         restricted: This interpolation.
-        forces: G(v) = a(z, v) - J(v) for each basis function v.
+        load: J(v) for each basis function v.
+        forces: G(v) = a(z, v) - J(v).
         value: J(w - u_h).
     """
 
     z: fem.Function
     detail: fem.Function
     restricted: fem.Function
+    load: fem.Function
     forces: fem.Function
     value: float
 
@@ -245,7 +279,7 @@ def dual_solution(solved: Solved, J: fem.Function, value: float | None = None) -
     restricted = solved.transfer.restrict(z)
     forces = difference(solved.acting(z), J)
     detail = difference(z, solved.transfer.prolong(restricted))
-    return Dual(z, detail, restricted, forces, found)
+    return Dual(z, detail, restricted, J, forces, found)
 
 
 def _hardly_pressed(solved: Solved) -> LocalIndices:
@@ -277,8 +311,19 @@ def released(solved: Solved, dual: Dual) -> Array:
 
 
 def held(solved: Solved, dual: Dual) -> Array:
-    """Return -G(w - u_h) on each cell: dofs that w has caught and presses, and Dirichlet data."""
-    return solved.on_cells(product(dual.forces, solved.error)) * [[-1.0], [1.0]]
+    """Return -G(w - u_h) on each cell at dofs that w has caught and presses, or of unknown data."""
+    return _held(solved, dual, ~solved.met)
+
+
+def met(solved: Solved, dual: Dual) -> Array:
+    """Return -G(w - u_h) on each cell at dofs where both solutions meet data that are known."""
+    return _held(solved, dual, solved.met)
+
+
+def _held(solved: Solved, dual: Dual, dofs: Mask) -> Array:
+    parts = product(dual.forces, solved.error)
+    parts.x.array[~dofs] = 0.0
+    return solved.on_cells(parts) * [[-1.0], [1.0]]
 
 
 def caught(solved: Solved, dual: Dual) -> Array:
@@ -286,6 +331,7 @@ def caught(solved: Solved, dual: Dual) -> Array:
     return solved.on_cells(product(solved.contact_forces, dual.z))
 
 
+# What is extrapolated to the error of w; with `met` the terms add up to J(w - u_h).
 TERMS = (residuals, released, held, caught)
 
 
