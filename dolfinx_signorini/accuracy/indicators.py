@@ -110,18 +110,18 @@ def indicators(solved: Solved, unseen: Sequence[Term] = UNSEEN) -> Indicators:
         apart = solved.distance
         load = _derivative(solved.error, target)
         dual = dual_solution(solved, load, None if norm is None else apart)
-        signed, cells = np.sum([term(solved, dual) for term in TERMS], axis=0)
-        known = met(solved, dual)
-        whole, of_data = (total(part, 1.0, fine.comm) for part in (cells, known[1]))
-        if norm is None:
+        terms = TERMS if norm is not None else (*TERMS, met)
+        signed, cells = np.sum([term(solved, dual) for term in terms], axis=0)
+        if norm is not None:
+            known = met(solved, dual)[1]
+            whole, of_data = (total(part, 1.0, fine.comm) for part in (cells, known))
+            apart *= whole / (whole + of_data or 1.0)
+        else:
             # Basis functions cancel inside of cells on all meshes, and cells each other by chance.
-            found = dual.value - fine.comm.allreduce(float(known[0].sum()))
-            apart = max(abs(found), total(np.abs(signed), 1.0, fine.comm))
-            cells *= apart / (whole or 1.0)
+            apart = max(apart, total(np.abs(signed), 1.0, fine.comm))
+            cells *= apart / (total(cells, 1.0, fine.comm) or 1.0)
             if not target.rough:
                 resolved &= _resolved(solved, dual.z, dual.detail)
-        else:
-            apart *= whole / (whole + of_data or 1.0)
         local = np.sqrt(solved.on_cells(product(solved.residual, solved.detail))[1])
         rest, left = _together(unseen, solved, dual), algebra(solved, dual)[0].sum()
         iterated = abs(fine.comm.allreduce(float(left)))

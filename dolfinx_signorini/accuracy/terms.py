@@ -15,8 +15,8 @@ on the undivided mesh leave of the equations of u_h. All sums are over basis fun
 term is known with its sign where its functions are.
 
 Where both solutions meet obstacles or Dirichlet data that are known between the nodes, nothing is
-extrapolated from the third term: the distance of w from the data tells what w leaves there, see
-`boundary_defects`.
+extrapolated to norms from the third term: the distance of w from the data tells what w leaves
+there, see `boundary_defects`.
 
 A norm of w - u_h is J(w - u_h), where J is the derivative of the norm. What w itself leaves, and no
 comparison shows, has further terms, among them what quadrature leaves: a rule of a higher degree
@@ -331,7 +331,7 @@ def caught(solved: Solved, dual: Dual) -> Array:
     return solved.on_cells(product(solved.contact_forces, dual.z))
 
 
-# What is extrapolated to the error of w; with `met` the terms add up to J(w - u_h).
+# What is extrapolated to norms of the error of w; with `met` the terms add up to J(w - u_h).
 TERMS = (residuals, released, held, caught)
 
 
