@@ -20,7 +20,6 @@ from dolfinx import fem
 
 from dolfinx_signorini.accuracy.cells import cell_norms
 from dolfinx_signorini.accuracy.contact_ends import (
-    SAMPLES,
     contact_on_entities,
     facet_lattice,
     shared_by_facets,
@@ -86,15 +85,23 @@ class Distances:
 def data_defects(solved: Solved, dual: Dual | None) -> Array:
     """Return what distances from data add to the error where they are, see `terms.Term`.
 
-    The parts are zero for functionals, and for derivatives on facets in space, where differences
-    along a facet are not formed.
+    The parts are zero for functionals. The norm of order 1/2 is the root of the product of two
+    norms of the whole boundary: the square of a part is half of its share in both.
     """
     problem, norm = solved.fine, solved.target.norm
     if norm is None:
         return np.zeros((2, solved.count))
-    parts: Array = np.zeros(len(solved.parents))
+    values: Array = np.zeros(len(solved.parents))
+    slopes: Array = np.zeros(len(solved.parents))
     for distances in distances_from_data(problem):
-        parts = joined(parts, _defects(problem, distances, norm), norm.p)
+        on_values, on_slopes = _defects(problem, distances, norm)
+        values, slopes = joined(values, on_values, norm.p), joined(slopes, on_slopes, norm.p)
+    parts = slopes if norm.derivatives == 1 else values
+    if norm.derivatives == 0.5:
+        both = joined(values, slopes, norm.p)
+        one, other = (total(part, norm.p, problem.comm) for part in (values, both))
+        ratio = math.sqrt(other / one) if one > 0.0 else 1.0
+        parts = joined(values * ratio, np.asarray(both / ratio), norm.p) * math.sqrt(0.5)
     for off in [] if norm.boundary else _distances_in_cells(problem):
         parts = joined(parts, cell_norms(off, norm), norm.p)
     return solved.in_norm(solved.unit * parts)
@@ -106,7 +113,8 @@ def data_between_nodes(solved: Solved, dual: Dual | None) -> Array:
     On a held facet, -G(u_D - w): the force that holds the dual solution there times the mean
     distance. Of a norm, -a(z, u_D - w), for J(u_D - w) is in `data_defects`. On a facet whose nodes
     are free the obstacle lifts the solution by the largest distance, with at most the force that
-    does so at a dof of the facet, times the dual solution there. In cells, J itself.
+    does so at a dof of the facet, times the dual solution there. In cells, J itself. Of a norm the
+    facets add up with their signs: the norm of the error is no less than J(u - w).
     """
     problem = solved.fine
     if dual is None:
@@ -132,7 +140,11 @@ def data_between_nodes(solved: Solved, dual: Dual | None) -> Array:
             finer = off.function_space
             J = assembled(solved.target.functional(ufl.TestFunction(finer)), finer)
             result += shared_by_cells(product(J, off))
-    return solved.on_parents(result)
+    parts = solved.on_parents(result)
+    if solved.target.norm is not None:
+        signed, sizes = problem.comm.allreduce(parts.sum(axis=1))
+        parts[1] *= abs(signed) / (sizes or 1.0)
+    return parts
 
 
 def forces_over_gaps(solved: Solved, dual: Dual | None) -> Array:
@@ -288,20 +300,34 @@ def _off_in_cells(problem: Contact, obstacle: Obstacle, touching: Mask) -> fem.F
     return off
 
 
-def _defects(problem: BoundConstrainedProblem, distances: Distances, norm: Norm) -> Array:
-    """What distances on facets are in a norm of the error."""
+def _defects(problem: BoundConstrainedProblem, distances: Distances, norm: Norm) -> list[Array]:
+    """The norms of distances and of their derivatives on the facets of each cell, or near them."""
     domain, pairs, off = problem.space.mesh, distances.pairs, distances.off
-    defects, dim = np.zeros(len(owned_cells(domain))), domain.topology.dim
-    if norm.derivatives and dim > 2:
-        return defects
-    scale = facet_scale(domain, pairs)
-    slopes = np.diff(off, axis=1) * SAMPLES / scale[:, None]
-    # The facet itself, or what is near the facet.
+    count, dim, scale = len(owned_cells(domain)), domain.topology.dim, facet_scale(domain, pairs)
     volume = scale if norm.boundary else 0.5 * scale ** (dim / (dim - 1.0))
-    values, steep = (
-        p_norm(each, norm.p, volume[:, None] / each.shape[1]) for each in (off, slopes)
-    )
-    parts = steep if norm.derivatives == 1 else values
-    if norm.derivatives == 0.5:  # interpolated between those of values and slopes
-        parts = np.sqrt(values * (values + steep))
-    return np.asarray(collected(parts, pairs[:, 0], len(defects), norm.p))
+    found = []
+    for each in (off, _slopes(Points(domain, pairs, facet_lattice(problem.space)), off)):
+        parts = p_norm(each, norm.p, volume[:, None] / each.shape[1])
+        found.append(collected(parts, pairs[:, 0], count, norm.p))
+    return found
+
+
+def _slopes(points: Points, values: Array) -> Array:
+    """The sizes of the derivatives along facets, between neighbours of the lattice.
+
+    Args:
+        points: The points of `facet_lattice` on facets.
+        values: The values there, shape (facets, points).
+    """
+    spacing = np.unique(points.at)[1]  # of the lattice, which begins with 0
+    steps = np.rint(points.at / spacing).astype(int)
+    places = {tuple(step): k for k, step in enumerate(steps)}
+    nearest = np.eye(steps.shape[1], dtype=int)
+    first = [k for k, step in enumerate(steps) if tuple(step + nearest[0]) in places]
+    next_ = [[places[tuple(steps[k] + axis)] for k in first] for axis in nearest]
+    x = np.stack(points.x, axis=-1)
+    # A facet has the same edges between all neighbours.
+    edges = np.stack([x[:, after[0]] - x[:, first[0]] for after in next_], axis=1)
+    steep = np.stack([values[:, after] - values[:, first] for after in next_], axis=1)
+    metric = np.linalg.inv(np.einsum("fid,fjd->fij", edges, edges))
+    return np.asarray(np.sqrt(np.einsum("fij,fin,fjn->fn", metric, steep, steep)))
