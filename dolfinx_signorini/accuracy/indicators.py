@@ -77,7 +77,9 @@ class Indicators:
             away; for a functional the sum of the sizes of what cells add to that of the difference.
         cells: For each owned cell of the coarse mesh what the cell adds to the difference; the
             power with which these numbers add up is that of the target.
-        local: For each cell the part of this number that the solution alone tells: with a dual
+        known: With a dual solution of a norm, what data add to the difference that both solutions
+            meet, and of which the error of w is known; else 0.
+        local: For each cell the part of `cells` that the solution alone tells: with a dual
             solution about the energy of w - I w, and else the whole.
         moved: In sup norms the larger one of `cells` and the norm of w - u_h on the cell; otherwise
             `cells`.
@@ -89,6 +91,7 @@ class Indicators:
 
     difference: float
     cells: Array
+    known: Array
     local: Array
     moved: Array
     left: Array
@@ -112,10 +115,11 @@ def indicators(solved: Solved, unseen: Sequence[Term] = UNSEEN) -> Indicators:
         dual = dual_solution(solved, load, None if norm is None else apart)
         terms = TERMS if norm is not None else (*TERMS, met)
         signed, cells = np.sum([term(solved, dual) for term in terms], axis=0)
+        known = zero
         if norm is not None:
             known = met(solved, dual)[1]
-            whole, of_data = (total(part, 1.0, fine.comm) for part in (cells, known))
-            apart *= whole / (whole + of_data or 1.0)
+            both = total(cells + known, 1.0, fine.comm)
+            apart *= total(cells, 1.0, fine.comm) / (both or 1.0)
         else:
             # Basis functions cancel inside of cells on all meshes, and cells each other by chance.
             apart = max(apart, total(np.abs(signed), 1.0, fine.comm))
@@ -125,13 +129,13 @@ def indicators(solved: Solved, unseen: Sequence[Term] = UNSEEN) -> Indicators:
         local = np.sqrt(solved.on_cells(product(solved.residual, solved.detail))[1])
         rest, left = _together(unseen, solved, dual), algebra(solved, dual)[0].sum()
         iterated = abs(fine.comm.allreduce(float(left)))
-        return Indicators(apart, cells, local, cells, zero, rest, iterated, resolved)
+        return Indicators(apart, cells, known, local, cells, zero, rest, iterated, resolved)
     assert norm is not None
     rest = _together(unseen, solved, None)
     norms = target.on_cells(solved.error)
     apart, moved = total(norms, norm.p, fine.comm), collected(norms, parents, count, norm.p)
     if not math.isinf(norm.p):
-        return Indicators(apart, moved, moved, moved, zero, rest, 0.0, resolved)
+        return Indicators(apart, moved, zero, moved, moved, zero, rest, 0.0, resolved)
     detail = solved.detail
     cells, left = (
         collected(values, parents, count, norm.p)
@@ -141,7 +145,7 @@ def indicators(solved: Solved, unseen: Sequence[Term] = UNSEEN) -> Indicators:
         )
     )
     moved = np.maximum(cells, moved)
-    return Indicators(apart, cells, cells, moved, left, rest, 0.0, resolved)
+    return Indicators(apart, cells, zero, cells, moved, left, rest, 0.0, resolved)
 
 
 def _together(terms: Sequence[Term], solved: Solved, dual: Dual | None) -> Array:

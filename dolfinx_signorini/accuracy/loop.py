@@ -32,7 +32,6 @@ from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.curved_sides import CurvedSides, TurnedOverError
 from dolfinx_signorini.meshes.refinement import Refinement, refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, longest_side
-from dolfinx_signorini.norms.power_sums import joined
 from dolfinx_signorini.problem.bound_constrained import DEFAULT_RTOL, BoundConstrainedProblem
 from dolfinx_signorini.solvers.cascade import Cascade, returned_problem
 from dolfinx_signorini.solvers.stop import SHARE
@@ -304,9 +303,8 @@ class Loop:
         self.rounds += 1
         rates, found = self.estimator.rates, self.estimator.found
         if self.rounds == 1:
-            rho = 2.0**-rates.order  # no rates have been measured
-            left = joined(found.cells * rho / (1.0 - rho), found.unseen, rates.power)
-            marks = mark_worst(self.sided, left, rates.order, rates.power)
+            cells = found.cells + found.known
+            marks = mark_worst(self.sided, cells, rates.order, rates.power)
             divided = marks.apply(self.sided, self.curves.fit)
         else:
             reached = accuracy is not None and estimate <= accuracy
