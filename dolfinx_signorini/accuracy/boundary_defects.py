@@ -94,8 +94,10 @@ def data_defects(solved: Solved, dual: Dual | None) -> Array:
     values: Array = np.zeros(len(solved.parents))
     slopes: Array = np.zeros(len(solved.parents))
     for distances in distances_from_data(problem):
-        on_values, on_slopes = _defects(problem, distances, norm)
-        values, slopes = joined(values, on_values, norm.p), joined(slopes, on_slopes, norm.p)
+        values = joined(values, _defects(problem, distances.pairs, distances.off, norm), norm.p)
+        if norm.derivatives:
+            steep = _slopes(problem, distances)
+            slopes = joined(slopes, _defects(problem, distances.pairs, steep, norm), norm.p)
     parts = slopes if norm.derivatives == 1 else values
     if norm.derivatives == 0.5:
         both = joined(values, slopes, norm.p)
@@ -121,10 +123,8 @@ def data_between_nodes(solved: Solved, dual: Dual | None) -> Array:
         return np.zeros((2, solved.count))
     space = problem.system.layout.nodal
     result = np.zeros((2, len(owned_cells(space.mesh))))
-    lifted, forces = lifting_forces(problem, dual.z), fem.Function(problem.space)
-    forces.x.array[:] = dual.forces.x.array
-    if solved.target.norm is not None:
-        forces.x.array[:] += dual.load.x.array
+    lifted = lifting_forces(problem, dual.z)
+    forces = dual.forces if solved.target.norm is None else dual.action
     gap = problem.gap.x.array
     for distances in distances_from_data(problem):
         pairs, off, along = distances.pairs, distances.off, distances.along
@@ -300,34 +300,28 @@ def _off_in_cells(problem: Contact, obstacle: Obstacle, touching: Mask) -> fem.F
     return off
 
 
-def _defects(problem: BoundConstrainedProblem, distances: Distances, norm: Norm) -> list[Array]:
-    """The norms of distances and of their derivatives on the facets of each cell, or near them."""
-    domain, pairs, off = problem.space.mesh, distances.pairs, distances.off
-    count, dim, scale = len(owned_cells(domain)), domain.topology.dim, facet_scale(domain, pairs)
+def _defects(
+    problem: BoundConstrainedProblem, pairs: LocalIndices, values: Array, norm: Norm
+) -> Array:
+    """The L^p norms of values at points of facets on each cell: on the facets, or near them."""
+    domain, dim = problem.space.mesh, problem.space.mesh.topology.dim
+    scale = facet_scale(domain, pairs)
     volume = scale if norm.boundary else 0.5 * scale ** (dim / (dim - 1.0))
-    found = []
-    for each in (off, _slopes(Points(domain, pairs, facet_lattice(problem.space)), off)):
-        parts = p_norm(each, norm.p, volume[:, None] / each.shape[1])
-        found.append(collected(parts, pairs[:, 0], count, norm.p))
-    return found
+    parts = p_norm(values, norm.p, volume[:, None] / values.shape[1])
+    return np.asarray(collected(parts, pairs[:, 0], len(owned_cells(domain)), norm.p))
 
 
-def _slopes(points: Points, values: Array) -> Array:
-    """The sizes of the derivatives along facets, between neighbours of the lattice.
-
-    Args:
-        points: The points of `facet_lattice` on facets.
-        values: The values there, shape (facets, points).
-    """
-    spacing = np.unique(points.at)[1]  # of the lattice, which begins with 0
-    steps = np.rint(points.at / spacing).astype(int)
+def _slopes(problem: BoundConstrainedProblem, distances: Distances) -> Array:
+    """The sizes of the derivatives of distances along facets, between neighbours of the lattice."""
+    lattice, off = facet_lattice(problem.space), distances.off
+    steps = np.rint(lattice / np.unique(lattice)[1]).astype(int)  # the least coordinate is 0
     places = {tuple(step): k for k, step in enumerate(steps)}
-    nearest = np.eye(steps.shape[1], dtype=int)
-    first = [k for k, step in enumerate(steps) if tuple(step + nearest[0]) in places]
-    next_ = [[places[tuple(steps[k] + axis)] for k in first] for axis in nearest]
-    x = np.stack(points.x, axis=-1)
-    # A facet has the same edges between all neighbours.
-    edges = np.stack([x[:, after[0]] - x[:, first[0]] for after in next_], axis=1)
-    steep = np.stack([values[:, after] - values[:, first] for after in next_], axis=1)
+    axes = np.eye(steps.shape[1], dtype=int)
+    first = [k for k, step in enumerate(steps) if tuple(step + axes[0]) in places]
+    after = [[places[tuple(steps[k] + axis)] for k in first] for axis in axes]
+    x = np.stack(Points(problem.space.mesh, distances.pairs, lattice).x, axis=-1)
+    # All neighbours of a facet along one axis are equally far apart.
+    edges = np.stack([x[:, ends[0]] - x[:, first[0]] for ends in after], axis=1)
+    steep = np.stack([off[:, ends] - off[:, first] for ends in after], axis=1)
     metric = np.linalg.inv(np.einsum("fid,fjd->fij", edges, edges))
     return np.asarray(np.sqrt(np.einsum("fij,fin,fjn->fn", metric, steep, steep)))

@@ -73,12 +73,12 @@ class Indicators:
         worst = found.cells.argmax()
 
     Attributes:
-        difference: The norm of the difference, of which a dual solution takes what known data leave
-            away; for a functional the sum of the sizes of what cells add to that of the difference.
+        difference: The norm of the difference, without the share of `known`; for a functional the
+            sum of the sizes of what cells add to the functional of the difference.
         cells: For each owned cell of the coarse mesh what the cell adds to the difference; the
             power with which these numbers add up is that of the target.
-        known: With a dual solution of a norm, what data add to the difference that both solutions
-            meet, and of which the error of w is known; else 0.
+        known: With a dual solution of a norm, what each cell adds at dofs where both solutions meet
+            known data, see `terms.met`; else 0.
         local: For each cell the part of `cells` that the solution alone tells: with a dual
             solution about the energy of w - I w, and else the whole.
         moved: In sup norms the larger one of `cells` and the norm of w - u_h on the cell; otherwise

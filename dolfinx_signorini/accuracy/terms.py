@@ -241,7 +241,7 @@ class Dual:
             Dirichlet data.
         detail: What z has beyond its interpolation on the undivided mesh.
         restricted: This interpolation.
-        load: J(v) for each basis function v.
+        action: a(z, v) for each basis function v.
         forces: G(v) = a(z, v) - J(v).
         value: J(w - u_h).
     """
@@ -249,7 +249,7 @@ class Dual:
     z: fem.Function
     detail: fem.Function
     restricted: fem.Function
-    load: fem.Function
+    action: fem.Function
     forces: fem.Function
     value: float
 
@@ -277,9 +277,10 @@ def dual_solution(solved: Solved, J: fem.Function, value: float | None = None) -
         found = value
     z, _ = solved.fine.solve_linearised(J, released=_hardly_pressed(solved))
     restricted = solved.transfer.restrict(z)
-    forces = difference(solved.acting(z), J)
+    action = solved.acting(z)
+    forces = difference(action, J)
     detail = difference(z, solved.transfer.prolong(restricted))
-    return Dual(z, detail, restricted, J, forces, found)
+    return Dual(z, detail, restricted, action, forces, found)
 
 
 def _hardly_pressed(solved: Solved) -> LocalIndices:
