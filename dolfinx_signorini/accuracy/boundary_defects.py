@@ -43,6 +43,7 @@ from dolfinx_signorini.meshes.elements import (
     nodal_space,
     values_at_control_points,
 )
+from dolfinx_signorini.meshes.jacobians import inverses
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.sided_meshes import (
     boundary_facets,
@@ -314,14 +315,12 @@ def _defects(
 def _slopes(problem: BoundConstrainedProblem, distances: Distances) -> Array:
     """The sizes of the derivatives of distances along facets, between neighbours of the lattice."""
     lattice, off = facet_lattice(problem.space), distances.off
-    steps = np.rint(lattice / np.unique(lattice)[1]).astype(int)  # the least coordinate is 0
+    spacing = np.unique(lattice)[1]  # the least coordinate is 0
+    steps = np.rint(lattice / spacing).astype(int)
     places = {tuple(step): k for k, step in enumerate(steps)}
     axes = np.eye(steps.shape[1], dtype=int)
     first = [k for k, step in enumerate(steps) if tuple(step + axes[0]) in places]
     after = [[places[tuple(steps[k] + axis)] for k in first] for axis in axes]
-    x = np.stack(Points(problem.space.mesh, distances.pairs, lattice).x, axis=-1)
-    # All neighbours of a facet along one axis are equally far apart.
-    edges = np.stack([x[:, ends[0]] - x[:, first[0]] for ends in after], axis=1)
-    steep = np.stack([off[:, ends] - off[:, first] for ends in after], axis=1)
-    metric = np.linalg.inv(np.einsum("fid,fjd->fij", edges, edges))
-    return np.asarray(np.sqrt(np.einsum("fij,fin,fjn->fn", metric, steep, steep)))
+    along = np.stack([off[:, ends] - off[:, first] for ends in after], axis=1) / spacing
+    tangents = Points(problem.space.mesh, distances.pairs, lattice).tangents[:, 0]
+    return length(np.einsum("fai,fan->ifn", inverses(tangents), along))

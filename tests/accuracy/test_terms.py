@@ -197,7 +197,10 @@ def test_the_mean_of_dirichlet_data_between_nodes_moves_the_functional(compared)
     """u - w has the mean 1 on the top, as far as a functional can tell, and 0 elsewhere."""
     k = 16.0 * np.pi
     top = ufl.conditional
-    waves = lambda x: top(x[1] > 1.0 - 1e-9, 1.0 - ufl.cos(k * x[0]), 0.0)  # noqa: E731
+
+    def waves(x):
+        return top(x[1] > 1.0 - 1e-9, 1.0 - ufl.cos(k * x[0]), 0.0)
+
     solved = compared(1, asked=mean, data=waves)
     other = compared(1, data=lambda x: top(x[1] > 1.0 - 1e-9, 1.0, 0.0))
     _, (found,) = sums(solved, [data_between_nodes])
