@@ -36,6 +36,7 @@ void renew({MATRIX}, const uint8_t *before, const uint8_t *now,
            const {INT} *first, const {INT} *parents, const double *weights,
            const {INT} *begin, const {INT} *numbers, double *product);
 void counts({MATRIX}, int32_t *number);
+void sizes({MATRIX}, double *sums);
 int64_t units({MATRIX}, const int32_t *number, int32_t *found, int32_t *parents);
 void natural({OBSTACLES}, const double *multiplier, double *residual, double *pressing);
 void defects({OBSTACLES}, const double *multiplier, double *found);
@@ -127,6 +128,12 @@ void renew({MATRIX}, const uint8_t *before, const uint8_t *now,
 void counts({MATRIX}, int32_t *number)
 {{
   for ({INT} i = 0; i < rows; ++i) number[i] += (int32_t)(starts[i + 1] - starts[i]);
+}}
+void sizes({MATRIX}, double *sums)
+{{
+  for ({INT} i = 0; i < rows; ++i)
+    for ({INT} p = starts[i]; p < starts[i + 1]; ++p)
+      sums[i] += entries[p] < 0.0 ? -entries[p] : entries[p];
 }}
 int64_t units({MATRIX}, const int32_t *number, int32_t *found, int32_t *parents)
 {{

@@ -100,6 +100,13 @@ class Rows:
         destroy(there, here, places, scatter)
         return found
 
+    def coupling(self) -> Array:
+        """Return for each row the sum of the sizes of its entries in columns of other ranks."""
+        sums = np.zeros(self.matrix.getLocalSize()[0])
+        if self._other is not None:
+            run("sizes", *self._other, sums)
+        return sums
+
     def hold(self, held: Mask, diagonal: float, result: "Rows") -> None:
         """Set a matrix of the same pattern to this one with the rows and columns of held dofs off.
 

@@ -8,6 +8,7 @@ import pytest
 import ufl
 from dolfinx import fem, mesh
 from dolfinx.fem import petsc as fem_petsc
+from dolfinx.graph import adjacencylist
 from mpi4py import MPI
 
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
@@ -15,6 +16,7 @@ from dolfinx_signorini.meshes.elements import bernstein_space, control_points, n
 from dolfinx_signorini.meshes.parents import parent_mesh
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
+from dolfinx_signorini.problem.contact import ContactProblem
 from dolfinx_signorini.problem.obstacle import ObstacleProblem
 from dolfinx_signorini.problem.signorini import SignoriniProblem
 from dolfinx_signorini.solvers.linear import hierarchy, lattice, projected
@@ -279,6 +281,43 @@ def test_few_coarse_nodes_are_solved_for_exactly():
     first.multTranspose(b, load)
     assert coarse.norm() <= 1e-9 * load.norm()
     for item in (matrix, x, rest, coarse, load, *others, multigrid, problem):
+        item.destroy()
+
+
+@pytest.mark.parametrize("size", [2, 3])
+@pytest.mark.parametrize("cells", ["in pieces", "anywhere"])
+def test_a_cycle_reduces_the_energy_of_every_error_however_ranks_share_the_cells(size, cells):
+    """The energy norm of I - B A is the largest size of its eigenvalues, as B is symmetric."""
+    create, n = (mesh.create_unit_square, 48) if size == 2 else (mesh.create_unit_cube, 16)
+    rng = np.random.default_rng(3 + COMM.rank)
+
+    def partitioner(_, __, ___, cells):
+        count = len(np.atleast_1d(cells[0])) // (size + 1)
+        ranks = adjacencylist(rng.integers(COMM.size, size=(count, 1), dtype=np.int32))
+        return getattr(ranks, "_cpp_object", ranks)
+
+    options = {"partitioner": partitioner} if cells == "anywhere" else {}
+    domain = create(COMM, *[n] * size, **options)
+    space = fem.functionspace(domain, ("Lagrange", 1, (size,)))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    strain = ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(v))
+    energy = ufl.inner(*strain) + ufl.inner(ufl.div(u), ufl.div(v)) + 1e-3 * ufl.inner(u, v)
+    side = mesh.locate_entities_boundary(domain, size - 1, lambda x: np.isclose(x[0], 0.0))
+    problem = ContactProblem(energy * ufl.dx, v[0] * ufl.dx, contact=side)
+    matrix, solver = problem.A.copy(), IterativeSolver(problem.system, "energy_")
+    multigrid = solver.multigrid
+    assert multigrid is not None
+    multigrid.set_up(matrix, matrix, np.empty(0, dtype=np.int32), 1.0, 1)
+    error, image, correction = (matrix.createVecRight() for _ in range(3))
+    error.array_w[:] = rng.standard_normal(error.getLocalSize())
+    energies = []
+    for _ in range(25):
+        matrix.mult(error, image)
+        energies.append(error.dot(image))
+        multigrid.pc.apply(image, correction)
+        error.axpy(-1.0, correction)
+    assert np.all(np.diff(energies) < 0.0)
+    for item in (matrix, error, image, correction, solver, problem):
         item.destroy()
 
 
