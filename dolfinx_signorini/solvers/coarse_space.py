@@ -81,8 +81,9 @@ def out_of_reach(system: System, x: PETSc.Vec) -> bool:
 
     With the residual r of the constant, a solution without contact differs from the constant by at
     most the largest r_i over the sum of row i, by the maximum principle. Where a row has hardly
-    such a sum, the scale is the coupling to one of two neighbours along each axis, over the number
-    of dofs: n dofs in a line that is held at an end give way up to n^2 times as far as one.
+    such a sum, the scale is the coupling to one of two neighbours along each axis, over the square
+    of the number of dofs in a line: n of them that are held at an end give way up to n^2 times as
+    far as one. In the plane and in space all dofs are taken for this square.
     Vectors, and forms that vanish on constants, have no such principle: contact is likely then.
     """
     if system.layout.block > 1 or system.singular:
@@ -94,8 +95,9 @@ def out_of_reach(system: System, x: PETSc.Vec) -> bool:
     system.A.mult(ones, sums)
     diagonal = system.A.getDiagonal()
     rows, load = free * sums.array_r, free * system.b.array_r
-    neighbours = 2 * system.space.mesh.topology.dim
-    scales = np.maximum(rows, diagonal.array_r / (neighbours * system.unknowns))
+    dim = system.space.mesh.topology.dim
+    couplings = 2.0 * dim * float(system.unknowns) ** max(1.0, 2.0 / dim)
+    scales = np.maximum(rows, diagonal.array_r / couplings)
     destroy(ones, sums, diagonal)
     reaction, total = system.comm.allreduce(np.array([rows.sum(), load.sum()]))
     if not reaction > 0.0:

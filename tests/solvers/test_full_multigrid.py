@@ -178,6 +178,30 @@ def test_from_nothing_to_the_solution_in_few_iterations(name, two_sided):
         item.destroy()
 
 
+@pytest.mark.parametrize("n, degree", [(300, 1), (1000, 1), (4001, 1), (300, 2), (2000, 2)])
+@pytest.mark.parametrize("growth", [0.01, 3.0])
+def test_a_string_on_a_flat_obstacle_takes_no_more_solves_with_more_dofs(n, degree, growth):
+    """A parabola from each end to the obstacle: u = load (x - a)^2 / 2 - depth below a."""
+    load, depth = 8.0, 0.1
+    domain = mesh.create_interval(COMM, n, (0.0, 1.0))
+    domain.geometry.x[:, 0] = np.expm1(growth * domain.geometry.x[:, 0]) / np.expm1(growth)
+    space = fem.functionspace(domain, ("Lagrange", degree))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    a, L = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx, -load * v * ufl.dx
+    ends = [dirichlet(space, boundary_facets(domain), 0.0)]
+    problem = ObstacleProblem(a, L, lower=-depth, bcs=ends)
+    found, x = problem.solve().x.array, space.tabulate_dof_coordinates()[:, 0]
+    last = np.sqrt(2.0 * depth / load)
+    from_end = np.minimum(x, 1.0 - x)
+    exact = 0.5 * load * np.minimum(from_end - last, 0.0) ** 2 - depth
+    h = growth * (1.0 / np.expm1(growth) + 1.0) / n  # of the widest cell
+    assert np.abs(found - exact).max(initial=0.0) <= load * h**2
+    contact = from_end[problem.active]
+    assert abs(COMM.allreduce(contact.min(initial=1.0), MPI.MIN) - last) <= h
+    assert problem.result.linear_solves <= 4
+    problem.destroy()
+
+
 def test_the_next_step_of_a_loop_starts_from_the_last_ones():
     problem = posed(linear(friedrichs_keller(COMM, 80)))
     problem.solve(rtol=RTOL)

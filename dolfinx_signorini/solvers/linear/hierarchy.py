@@ -21,13 +21,16 @@ from dolfinx_signorini.solvers.linear.lattice import Lattice, coarsened, find_la
 from dolfinx_signorini.solvers.linear.rows import Rows
 
 # Cells that divide a lattice; functions that are linear on simplices serve squares and cubes, too.
-LATTICES = ("triangle", "tetrahedron", "quadrilateral", "hexahedron")
-SMALL = 1000  # nodes: up to here BoomerAMG costs no more
-FEW = 200  # nodes of a coarsest lattice, about
+LATTICES = ("interval", "triangle", "tetrahedron", "quadrilateral", "hexahedron")
+SMALL = 1000  # nodes of a coarsest level that is factored
+# Up to so many nodes, by dimension, no coarser level is looked for: BoomerAMG costs no more, nor do
+# the direct solves of a wide active set that starts from nothing (the string and the ball).
+LEAST = {1: 200, 2: 1000, 3: 1000}
+FEW = {1: 20, 2: 200, 3: 200}  # nodes of a coarsest lattice, about
 STEP = 0.6  # the nodes of a level over the nodes of the next finer one, at most
 # The same for a refinement, by dimension: what is less of a step is left to BoomerAMG, whose set-up
 # on a plane mesh costs less than all the levels of local refinements.
-REFINEMENT = {2: 0.35, 3: 1.0}
+REFINEMENT = {1: 1.0, 2: 0.35, 3: 1.0}
 
 
 def prolongations(space: fem.FunctionSpace) -> tuple[list[PETSc.Mat], list[PETSc.Mat]]:
@@ -40,7 +43,7 @@ def prolongations(space: fem.FunctionSpace) -> tuple[list[PETSc.Mat], list[PETSc
         Both lists with the finest first; a list is empty where no lower degree or no coarser mesh
         is known, or where the space is small.
     """
-    if space.dofmap.index_map.size_global <= SMALL:
+    if space.dofmap.index_map.size_global <= LEAST[space.mesh.topology.dim]:
         return [], []
     degrees, space = degree_prolongations(space)
     return degrees, mesh_prolongations(space) if space.mesh.geometry.cmap.degree == 1 else []
@@ -84,10 +87,10 @@ def _degree_prolongation(coarse: fem.FunctionSpace, fine: fem.FunctionSpace) -> 
 
 def mesh_prolongations(space: fem.FunctionSpace) -> list[PETSc.Mat]:
     """Return the prolongations to a space of degree 1 from the parent meshes and from lattices."""
-    domain, nodes = space.mesh, nodes_of(space)
+    domain, nodes, dim = space.mesh, nodes_of(space), space.mesh.topology.dim
     made: list[PETSc.Mat] = []
-    while (parent := parent_mesh(domain)) is not None and _size(domain) > SMALL:
-        if _size(parent.sided.mesh) > REFINEMENT[domain.topology.dim] * _size(domain):
+    while (parent := parent_mesh(domain)) is not None and _size(domain) > LEAST[dim]:
+        if _size(parent.sided.mesh) > REFINEMENT[dim] * _size(domain):
             return _merged(made)
         made.append(refinement_prolongation(domain, nodes, parent))
         domain = parent.sided.mesh
@@ -95,7 +98,7 @@ def mesh_prolongations(space: fem.FunctionSpace) -> list[PETSc.Mat]:
     made = _merged(made)
     if domain.topology.cell_name() not in LATTICES:
         return made
-    if _size(domain) > SMALL and (lattice := find_lattice(domain, nodes)) is not None:
+    if _size(domain) > LEAST[dim] and (lattice := find_lattice(domain, nodes)) is not None:
         made += lattice_prolongations(lattice)
     return made
 
@@ -129,7 +132,7 @@ def _merged(steps: list[PETSc.Mat]) -> list[PETSc.Mat]:
 def lattice_prolongations(lattice: Lattice) -> list[PETSc.Mat]:
     """Return the prolongations to a lattice, the finest first, from a coarsest lattice on."""
     made = []
-    while lattice.size > FEW and (step := coarsened(lattice)) is not None:
+    while lattice.size > FEW[len(lattice.lines)] and (step := coarsened(lattice)) is not None:
         coarse, parents, weights = step
         made.append(edge_prolongation(lattice.comm, parents, coarse.places.shape[1], weights))
         lattice = coarse

@@ -1,10 +1,11 @@
 """The lattice behind a structured mesh, and its coarsening by index arithmetic.
 
-The nodes of a Friedrichs-Keller triangulation, or of the division of a cube into tetrahedra around
-the diagonals of small cubes, are the points of a lattice. Every second node in each direction, with
-both ends, are the nodes of a coarser lattice, whatever the numbers of cells: a node in between lies
-on an edge of the coarser mesh, in the direction of an axis or of the main diagonal.
-So the nodes know their two coarse neighbours by index arithmetic, and no coarse mesh is needed.
+The nodes of a divided interval, of a Friedrichs-Keller triangulation, or of the division of a cube
+into tetrahedra around the diagonals of small cubes, are the points of a lattice. Every second node
+in each direction, with both ends, are the nodes of a coarser lattice, whatever the numbers of
+cells: a node in between lies on an edge of the coarser mesh, in the direction of an axis or of the
+main diagonal. So the nodes know their two coarse neighbours by index arithmetic, and no coarse mesh
+is needed.
 """
 
 import math
@@ -59,12 +60,14 @@ def find_lattice(domain: mesh.Mesh, nodes: LocalIndices) -> Lattice | None:
     """Return the lattice of the vertices of a mesh; None if the vertices are none; collective.
 
     Args:
-        domain: A mesh of straight-sided triangles or tetrahedra.
+        domain: A mesh of intervals, or of straight-sided triangles or tetrahedra.
         nodes: The vertices that this rank owns, as nodes of the geometry.
     """
     dim, comm = domain.topology.dim, domain.comm
     if domain.geometry.dim != dim:
         return None
+    if dim == 1:
+        return _line(domain, nodes)
     x: list[Array] = [np.take(domain.geometry.x[:, d], nodes) for d in range(dim)]
     first = domain.geometry.x[domain.geometry.dofmap[:1].ravel(), :dim]
     width = np.ptp(first, axis=0) if len(first) else np.zeros(dim)
@@ -86,6 +89,17 @@ def find_lattice(domain: mesh.Mesh, nodes: LocalIndices) -> Lattice | None:
     lattice = Lattice(comm, -ends[1], extent / cells, lines, places)
     fits = comm.allreduce(off, op=MPI.MAX) < HALF_OF_THE_DIGITS
     return lattice if fits and _complete(lattice) else None
+
+
+def _line(domain: mesh.Mesh, nodes: LocalIndices) -> Lattice | None:
+    """The vertices of a division of an interval, however unequal; None if two are at one place."""
+    own = domain.geometry.x[nodes, 0]
+    line = np.sort(np.concatenate(domain.comm.allgather(own)))
+    if len(line) < 2 or not (np.diff(line) > 0.0).all():
+        return None
+    corner, unit = line[:1], np.ptp(line, keepdims=True) / (len(line) - 1)
+    places = np.searchsorted(line, own)[None].astype(np.int32)
+    return Lattice(domain.comm, corner, unit, ((line - corner) / unit,), places)
 
 
 def _complete(lattice: Lattice) -> bool:

@@ -96,7 +96,16 @@ def energies(A, points):
     return found
 
 
-@pytest.mark.parametrize("make, n", [(friedrichs_keller, 12), (lambda _, n: cube(n), 6)])
+def graded(comm, n):
+    """An interval whose cells grow."""
+    domain = mesh.create_interval(comm, n, (0.0, 1.0))
+    domain.geometry.x[:, 0] = np.expm1(3.0 * domain.geometry.x[:, 0]) / np.expm1(3.0)
+    return domain
+
+
+@pytest.mark.parametrize(
+    "make, n", [(graded, 20), (friedrichs_keller, 12), (lambda _, n: cube(n), 6)]
+)
 def test_coarse_matrices_of_a_lattice_are_those_of_the_coarse_mesh(make, n):
     A, space = matrix_on(make(COMM, n))
     fine = find_lattice(space.mesh, hierarchy.nodes_of(space))
@@ -105,7 +114,9 @@ def test_coarse_matrices_of_a_lattice_are_those_of_the_coarse_mesh(make, n):
     product = A.ptap(P)
     B, coarse_space = matrix_on(make(COMM, n // 2))
     x = coarse_space.tabulate_dof_coordinates()[: B.getLocalSize()[0], : len(fine.cells)].T
-    found = energies(product, coarse.places / np.array(coarse.cells)[:, None])
+    lines = zip(coarse.lines, coarse.places, strict=True)
+    points = [line[p] * step for (line, p), step in zip(lines, coarse.unit, strict=True)]
+    found = energies(product, np.array(points) + coarse.corner[:, None])
     assert found == pytest.approx(energies(B, x), rel=1e-12)
     for item in (A, P, product, B):
         item.destroy()
