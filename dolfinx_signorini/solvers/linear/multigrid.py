@@ -367,6 +367,8 @@ def _raised(matrix: PETSc.Mat) -> PETSc.Mat:
     Returns:
         A new matrix, or the same one if no rank has such a row.
     """
+    if matrix.comm.size == 1:
+        return matrix
     coupling, diagonal = Rows(matrix).coupling(), matrix.getDiagonal()
     weak = diagonal.array_r < coupling
     raised = matrix
