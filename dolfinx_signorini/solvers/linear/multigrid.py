@@ -3,8 +3,9 @@
 Coarse matrices are Galerkin products. A held dof has no row in the matrix that the products are
 made of: so the prolongations are truncated at the active set, without being changed. One
 Gauss-Seidel sweep forward on the way down and one backward on the way up make the cycle symmetric.
-Sweeps leave out what couples ranks, and have a larger diagonal where this coupling outweighs it.
-A Cholesky factorization takes care of the coarsest level, or BoomerAMG where many nodes are left.
+Sweeps leave out what couples ranks, and for bodies have a larger diagonal where this coupling
+outweighs the diagonal. A Cholesky factorization takes care of the coarsest level, or BoomerAMG
+where many nodes are left.
 
 Source: Kornhuber, Numer. Math. 69 (1994) 167-184, for the truncation.
 """
@@ -131,6 +132,9 @@ class Multigrid:
             for solver, sweep in zip(solvers, (DOWN, UP), strict=True):
                 self._smooth(solver, BOTH if high else sweep, raised)
                 solver.setOperators(fine, swept)
+                pc = solver.getPC()
+                if pc.getType() == PETSc.PC.Type.COMPOSITE:  # parts keep their first matrix
+                    pc.getCompositePC(0).setOperators(fine, swept)
         self._levels[-1][0].setOperators(self.matrices[-1])
         self.pc.setOperators(matrix)
         with options_set(*self._coarse_options):  # GAMG reads those of its levels now
@@ -357,17 +361,17 @@ def multigrid_for(
 
 
 def _raised(matrix: PETSc.Mat) -> PETSc.Mat:
-    """Return the matrix with its diagonal raised where the coupling to other ranks outweighs it.
+    """Return the matrix of a body with its diagonal raised where the coupling outweighs it.
 
-    Gauss-Seidel sweeps leave this coupling out: sweeps with a diagonal D reduce the energy of the
-    error if 2 D - diag(A) is larger than the coupling (Baker, Falgout, Kolev and Yang, SIAM J. Sci.
-    Comput. 33 (2011) 2864, section 6). Half of the coupling is added; matrices without positive
-    entries beside the diagonal, as for P1 and one unknown function, have no such rows.
+    Gauss-Seidel sweeps leave the coupling to other ranks out: sweeps with a diagonal D reduce the
+    energy of the error if 2 D - diag(A) is larger than this coupling (Baker, Falgout, Kolev and
+    Yang, SIAM J. Sci. Comput. 33 (2011) 2864, section 6). Half of the coupling is added. For one
+    unknown function the diagonal outweighs the coupling but for a little, and nothing is raised.
 
     Returns:
         A new matrix, or the same one if no rank has such a row.
     """
-    if matrix.comm.size == 1:
+    if matrix.comm.size == 1 or matrix.getBlockSize() == 1:
         return matrix
     coupling, diagonal = Rows(matrix).coupling(), matrix.getDiagonal()
     weak = diagonal.array_r < coupling

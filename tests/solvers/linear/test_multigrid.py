@@ -318,7 +318,10 @@ def test_a_cycle_reduces_the_energy_of_every_error_however_ranks_share_the_cells
     matrix, solver = problem.A.copy(), IterativeSolver(problem.system, "energy_")
     multigrid = solver.multigrid
     assert multigrid is not None
-    multigrid.set_up(matrix, matrix, np.empty(0, dtype=np.int32), 1.0, 1)
+    before, none = matrix.copy(), np.empty(0, dtype=np.int32)
+    before.scale(0.1)
+    multigrid.set_up(before, before, none, 1.0, 1)
+    multigrid.set_up(matrix, matrix, none, 1.0, 2)  # nothing of the first matrix is left
     error, image, correction = (matrix.createVecRight() for _ in range(3))
     error.array_w[:] = rng.standard_normal(error.getLocalSize())
     energies = []
@@ -328,7 +331,7 @@ def test_a_cycle_reduces_the_energy_of_every_error_however_ranks_share_the_cells
         multigrid.pc.apply(image, correction)
         error.axpy(-1.0, correction)
     assert np.all(np.diff(energies) < 0.0)
-    for item in (matrix, error, image, correction, solver, problem):
+    for item in (matrix, before, error, image, correction, solver, problem):
         item.destroy()
 
 
