@@ -317,7 +317,7 @@ class Multigrid:
         pc, prefix = solver.getPC(), f"{self.prefix}mg_levels_"
         # By itself PETSc's sweep has the raised diagonal in the residual, too.
         kind = PETSc.PC.Type.COMPOSITE if raised else PETSc.PC.Type.SOR
-        if (solver.getType(), pc.getType()) == (PETSc.KSP.Type.RICHARDSON, kind):
+        if solver.getOptionsPrefix() == prefix and pc.getType() == kind:
             return
         solver.setType(PETSc.KSP.Type.RICHARDSON)
         pc.setType(kind)
