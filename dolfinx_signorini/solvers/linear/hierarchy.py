@@ -25,12 +25,12 @@ LATTICES = ("interval", "triangle", "tetrahedron", "quadrilateral", "hexahedron"
 SMALL = 1000  # nodes of a coarsest level that is factored
 # Up to so many nodes, by dimension, no coarser level is looked for: BoomerAMG costs no more, nor do
 # the direct solves of a wide active set that starts from nothing (the string and the ball).
-LEAST = {1: 200, 2: 1000, 3: 1000}
+LEAST = {1: 200, 2: SMALL, 3: SMALL}
 FEW = {1: 20, 2: 200, 3: 200}  # nodes of a coarsest lattice, about: sweeps pass through a row
 STEP = 0.6  # the nodes of a level over the nodes of the next finer one, at most
 # The same for a refinement, by dimension: what is less of a step is left to BoomerAMG, whose set-up
 # on a plane mesh costs less than all the levels of local refinements.
-REFINEMENT = {1: 1.0, 2: 0.35, 3: 1.0}
+REFINEMENT = {2: 0.35, 3: 1.0}
 
 
 def prolongations(space: fem.FunctionSpace) -> tuple[list[PETSc.Mat], list[PETSc.Mat]]:

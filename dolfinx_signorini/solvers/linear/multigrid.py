@@ -18,7 +18,6 @@ from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.petsc import destroy
-from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.solvers.linear.algebraic import LEAST_PIVOT
 from dolfinx_signorini.solvers.linear.hierarchy import SMALL, coarse_places, prolongations
@@ -54,7 +53,7 @@ class Multigrid:
         prefix: The prefix of PETSc options; those of the smoothers begin with "mg_levels_", and
             those of the coarsest level with "mg_coarse_".
         coarsest: The options of a coarsest level of many nodes, without prefix.
-        places: The nodes of this rank on the coarser levels, for their rigid motions.
+        places: For bodies the nodes of this rank on the coarser levels, for their rigid motions.
 
     Attributes:
         prolongations, degrees: See above; coarser meshes may have been left out.
@@ -78,7 +77,6 @@ class Multigrid:
         self.matrices: list[PETSc.Mat] = []
         self._levels: list[tuple[PETSc.KSP, ...]] = []
         self._state: tuple[int, Mask] | None = None  # of the products: the matrix, the held dofs
-        self._raised: list[PETSc.Mat] = []  # matrices of sweeps that are not those of the levels
         self._filled: list[LocalIndices] = []  # rows of the products with a diagonal entry alone
         self._make()
 
@@ -121,21 +119,10 @@ class Multigrid:
             attach_motions(coarsest, rigid_motions(comm, places, size), self._filled[-1])
         if not filled:
             _fill(matrix, held, diagonal)
-        destroy(*self._raised)
-        self._raised = []
-        for level, solvers in enumerate(self._levels[:-1]):
-            fine = self.matrices[level - 1] if level else matrix
-            swept = _raised(fine)
-            raised = swept is not fine
-            self._raised += [swept] if raised else []
-            high = self.degrees > 1 and level == 0
-            for solver, sweep in zip(solvers, (DOWN, UP), strict=True):
-                self._smooth(solver, BOTH if high else sweep, raised)
-                solver.setOperators(fine, swept)
-                pc = solver.getPC()
-                if pc.getType() == PETSc.PC.Type.COMPOSITE:  # parts keep their first matrix
-                    pc.getCompositePC(0).setOperators(fine, swept)
-        self._levels[-1][0].setOperators(self.matrices[-1])
+        for solvers, level_matrix in zip(self._levels, [matrix, *self.matrices], strict=True):
+            for solver in solvers:
+                solver.setOperators(level_matrix)
+            _raise_diagonal(level_matrix, [solver.getPC() for solver in solvers])
         self.pc.setOperators(matrix)
         with options_set(*self._coarse_options):  # GAMG reads those of its levels now
             self.pc.setUp()
@@ -271,9 +258,8 @@ class Multigrid:
     def free(self) -> None:
         """Free what a set-up has made."""
         self.pc.destroy()
-        destroy(*self.matrices, *self._raised)
-        self.matrices, self._levels, self._raised = [], [], []
-        self._state, self._filled = None, []
+        destroy(*self.matrices)
+        self.matrices, self._levels, self._state, self._filled = [], [], None, []
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
@@ -289,6 +275,9 @@ class Multigrid:
         for level in range(count - 1, 0, -1):
             self.pc.setMGInterpolation(level, self.prolongations[count - 1 - level])
             down, up = self.pc.getMGSmootherDown(level), self.pc.getMGSmootherUp(level)
+            high = self.degrees > 1 and level == count - 1
+            for solver, sweep in ((down, DOWN), (up, UP)):
+                self._smooth(solver, BOTH if high else sweep)
             up.setInitialGuessNonzero(True)
             self._levels.append((down, up))
         coarse = self.pc.getMGCoarseSolve()
@@ -312,25 +301,24 @@ class Multigrid:
         """Whether the coarsest level is factored."""
         return bool(self.prolongations[-1].getSize()[1] <= SMALL)
 
-    def _smooth(self, solver: PETSc.KSP, sweep: str, raised: bool) -> None:
-        """Make a solver one Gauss-Seidel sweep; with a raised diagonal in the sweep alone."""
-        pc, prefix = solver.getPC(), f"{self.prefix}mg_levels_"
-        # By itself PETSc's sweep has the raised diagonal in the residual, too.
-        kind = PETSc.PC.Type.COMPOSITE if raised else PETSc.PC.Type.SOR
-        if solver.getOptionsPrefix() == prefix and pc.getType() == kind:
-            return
+    def _smooth(self, solver: PETSc.KSP, sweep: str) -> None:
+        """Make a solver one Gauss-Seidel sweep; for a body on several ranks the sweep is a part.
+
+        A part has a matrix of its own, see `_raise_diagonal`, and Richardson's method the residual.
+        """
+        pc, prefix, parts = solver.getPC(), f"{self.prefix}mg_levels_", list[Any]([solver])
         solver.setType(PETSc.KSP.Type.RICHARDSON)
-        pc.setType(kind)
-        solver.setNormType(PETSc.KSP.NormType.NONE)
-        solver.setTolerances(max_it=1)
-        solver.setOptionsPrefix(prefix)
-        parts: list[Any] = [solver]
-        if raised:
+        if pc.comm.size > 1 and self._places:
+            pc.setType(PETSc.PC.Type.COMPOSITE)
             pc.addCompositePCType(PETSc.PC.Type.SOR)
             parts.append(pc.getCompositePC(0))
-            parts[-1].setOptionsPrefix(prefix)
+        else:
+            pc.setType(PETSc.PC.Type.SOR)
+        solver.setNormType(PETSc.KSP.NormType.NONE)
+        solver.setTolerances(max_it=1)
         with options_set(prefix, {}, {sweep: None}):
             for part in parts:
+                part.setOptionsPrefix(prefix)
                 part.setFromOptions()
 
 
@@ -360,28 +348,24 @@ def multigrid_for(
     return Multigrid(found, len(degrees), prefix, coarsest, places) if found else None
 
 
-def _raised(matrix: PETSc.Mat) -> PETSc.Mat:
-    """Return the matrix of a body with its diagonal raised where the coupling outweighs it.
+def _raise_diagonal(matrix: PETSc.Mat, smoothers: Sequence[PETSc.PC]) -> None:
+    """Raise the diagonal of sweeps that are parts where the coupling outweighs it; collective.
 
     Gauss-Seidel sweeps leave the coupling to other ranks out: sweeps with a diagonal D reduce the
     energy of the error if 2 D - diag(A) is larger than this coupling (Baker, Falgout, Kolev and
     Yang, SIAM J. Sci. Comput. 33 (2011) 2864, section 6). Half of the coupling is added. For one
-    unknown function the diagonal outweighs the coupling but for a little, and nothing is raised.
-
-    Returns:
-        A new matrix, or the same one if no rank has such a row.
+    unknown function the diagonal outweighs the coupling but for a little.
     """
-    if matrix.comm.size == 1 or matrix.getBlockSize() == 1:
-        return matrix
-    coupling, diagonal = Rows(matrix).coupling(), matrix.getDiagonal()
+    composite = [pc for pc in smoothers if pc.getType() == PETSc.PC.Type.COMPOSITE]
+    if not composite:
+        return
+    coupling, diagonal, raised = Rows(matrix).coupling(), matrix.getDiagonal(), matrix.copy()
     weak = diagonal.array_r < coupling
-    raised = matrix
-    if anywhere(matrix.comm.tompi4py(), weak):
-        raised = matrix.copy()
-        diagonal.array_w[weak] += 0.5 * coupling[weak]
-        raised.setDiagonal(diagonal)
-    diagonal.destroy()
-    return raised
+    diagonal.array_w[weak] += 0.5 * coupling[weak]
+    raised.setDiagonal(diagonal)
+    for pc in composite:  # by itself a part keeps the matrix of its first set-up
+        pc.getCompositePC(0).setOperators(matrix, raised)
+    destroy(diagonal, raised)
 
 
 def _scale_diagonal(matrix: PETSc.Mat, factor: float) -> None:
