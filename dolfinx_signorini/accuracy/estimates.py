@@ -22,13 +22,13 @@ from dolfinx_signorini.accuracy.contact_ends import (
 )
 from dolfinx_signorini.accuracy.corners import exponents_at_corners
 from dolfinx_signorini.accuracy.cut_cells import cut_errors
-from dolfinx_signorini.accuracy.indicators import UNSEEN, Indicators, indicators
+from dolfinx_signorini.accuracy.indicators import Indicators, indicators
 from dolfinx_signorini.accuracy.kinks import kink_errors
 from dolfinx_signorini.accuracy.marking import NOTABLE, SAFETY, Prediction
 from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.rates import Rates
 from dolfinx_signorini.accuracy.targets import Target, size
-from dolfinx_signorini.accuracy.terms import Dual, Solved, Term
+from dolfinx_signorini.accuracy.terms import Solved
 from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.base.tolerances import PRECISION
@@ -65,7 +65,8 @@ class Estimator:
         prediction: What these cells leave in the error.
         local: In L^p norms what they leave there by themselves; None elsewhere.
         estimate: The estimated error of the finer solution.
-        polygon: The part of the estimate that facets in place of curves have.
+        along_curves: The part of the estimate that no degree makes smaller: facets in place of
+            curved sides, and jumps and kinks of data inside of cells.
         exponent: The least power of the distance that the solution may have at a corner.
         logarithm: The least power that the solution may have there with a logarithm.
     """
@@ -74,12 +75,11 @@ class Estimator:
     prediction: Prediction
     local: Prediction | None
     estimate: float
-    polygon: float
+    along_curves: float
 
     def __init__(self, space: fem.FunctionSpace, target: Target, read: Reader | None = None):
         domain, degree = space.mesh, space.element.basix_element.degree
         self._target, self._read, self._comm = target, read, domain.comm
-        self._terms = UNSEEN if read is None else (*UNSEEN, data_errors(read))
         self.rates = Rates(target, degree, len(owned_cells(domain)), domain.topology.dim)
         self.exponent = self.logarithm = SMOOTH
 
@@ -95,7 +95,7 @@ class Estimator:
             solved: The two solutions.
             measure: Whether `rates.refine` was told of the mesh, so that rates can be measured.
         """
-        self.found = found = indicators(solved, self._terms)
+        self.found = found = indicators(solved)
         if self._read is not None:
             self._look_at_corners(solved)
         if measure:
@@ -111,7 +111,7 @@ class Estimator:
         self.rates.know(kinks, rate, rate)
         # The dofs around a kink are those of the obstacle: all of the difference is made there.
         self.found = found = replace(found, cells=np.where(kinks, found.moved, found.cells))
-        self.prediction, self.polygon = self.rates.prediction(found.cells), 0.0
+        self.prediction, self.along_curves = self.rates.prediction(found.cells), 0.0
         value = self._left_over(found)
         if math.isinf(self.rates.power):
             value = self._with_least(value, ends)
@@ -121,6 +121,9 @@ class Estimator:
         self.prediction = replace(self.prediction, remaining=self.prediction.remaining * scale)
         self.estimate = SAFETY * value
         self._add(SAFETY * found.unseen)
+        if self._read is not None:
+            data = self._read(solved.fine)
+            self._add_along_curves(SAFETY * data_errors(solved, data))
         self._add_local(solved)
 
     def _look_at_corners(self, solved: Solved) -> None:
@@ -180,8 +183,7 @@ class Estimator:
             solved: The solutions, of which the finer one was solved after that.
         """
         parts = SAFETY * moved.parts(solved)
-        self._add(parts)
-        self.polygon = total(parts, self.rates.power, self._comm)
+        self._add_along_curves(parts)
         both = self.prediction.remaining
         shares = over(parts, both)
         self.prediction = replace(
@@ -193,6 +195,12 @@ class Estimator:
     def _add(self, parts: Array) -> None:
         """Add what terms have on each cell to the estimate, and to the prediction."""
         self._raise_to(joined(self.prediction.remaining, parts, self.rates.power))
+
+    def _add_along_curves(self, parts: Array) -> None:
+        """Add what no degree makes smaller."""
+        self._add(parts)
+        power, more = self.rates.power, total(parts, self.rates.power, self._comm)
+        self.along_curves = float(joined(np.array(self.along_curves), np.array(more), power))
 
     def _raise_to(self, remaining: Array) -> None:
         """Let the cells leave in the error what is known of each, and the estimate no less."""
@@ -248,16 +256,12 @@ class Estimator:
         self._raise_to(np.maximum(self.prediction.remaining, parts))
 
 
-def data_errors(read: Reader) -> Term:
-    """Return what jumps and kinks of data inside of cells leave in the error, as a term.
+def data_errors(solved: Solved, data: Coefficients) -> Array:
+    """Return what jumps and kinks of data inside of cells leave in the error of each owned cell.
 
     Args:
-        read: Returns the coefficients of a problem.
+        solved: The two solutions.
+        data: What is known of the coefficients of the finer problem.
     """
-
-    def term(solved: Solved, dual: Dual | None) -> Array:
-        data = read(solved.fine)
-        parts = cut_errors(solved, data), kink_errors(solved, data)
-        return joined(*parts, solved.target.power)
-
-    return term
+    parts = cut_errors(solved, data), kink_errors(solved, data)
+    return np.asarray(joined(*parts, solved.target.power)[1])

@@ -11,7 +11,6 @@ where the difference comes from:
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,12 +99,11 @@ class Indicators:
     resolved: Mask
 
 
-def indicators(solved: Solved, unseen: Sequence[Term] = UNSEEN) -> Indicators:
+def indicators(solved: Solved) -> Indicators:
     """Compare a solution with the solution on the divided mesh; the call is collective.
 
     Args:
         solved: The two solutions.
-        unseen: The terms of the error that no comparison shows.
     """
     fine, parents, target, count = solved.fine, solved.parents, solved.target, solved.count
     zero, norm, resolved = np.zeros(count), target.norm, _resolved(solved, fine.u, solved.detail)
@@ -127,11 +125,11 @@ def indicators(solved: Solved, unseen: Sequence[Term] = UNSEEN) -> Indicators:
             if not target.rough:
                 resolved &= _resolved(solved, dual.z, dual.detail)
         local = np.sqrt(solved.on_cells(product(solved.residual, solved.detail))[1])
-        rest, left = _together(unseen, solved, dual), algebra(solved, dual)[0].sum()
+        rest, left = _unseen(solved, dual), algebra(solved, dual)[0].sum()
         iterated = abs(fine.comm.allreduce(float(left)))
         return Indicators(apart, cells, known, local, cells, zero, rest, iterated, resolved)
     assert norm is not None
-    rest = _together(unseen, solved, None)
+    rest = _unseen(solved, None)
     norms = target.on_cells(solved.error)
     apart, moved = total(norms, norm.p, fine.comm), collected(norms, parents, count, norm.p)
     if not math.isinf(norm.p):
@@ -148,10 +146,10 @@ def indicators(solved: Solved, unseen: Sequence[Term] = UNSEEN) -> Indicators:
     return Indicators(apart, cells, zero, cells, moved, left, rest, 0.0, resolved)
 
 
-def _together(terms: Sequence[Term], solved: Solved, dual: Dual | None) -> Array:
-    """What terms add at most on each cell."""
+def _unseen(solved: Solved, dual: Dual | None) -> Array:
+    """What the terms of the error that no comparison shows add at most on each cell."""
     parts: Array = np.zeros(solved.count)
-    for term in terms:
+    for term in UNSEEN:
         parts = joined(parts, term(solved, dual)[1], solved.target.power)
     return parts
 

@@ -242,11 +242,13 @@ class Loop:
         estimate = self.steps[0].estimate
         if len(self.poses) == 1 or estimate > self.whole:  # which tells nothing
             return False
-        # Facets in place of curves leave the same with all degrees.
-        ratio = max((estimate - self.estimator.polygon) / accuracy, 1.0)
         dim, order = self.sided.mesh.topology.dim, self.request.target.order
+        # Along curves of d - 1 dimensions no degree has more than the lowest order.
+        along = self.estimator.along_curves
+        ratio, curved = ((part / accuracy) for part in (estimate - along, along))
+        least = max(curved ** ((dim - 1) / order(1)), 1.0)
         # A mesh has k^d dofs for each of its cells, whose number grows with the power d / order.
-        best = min(self.poses, key=lambda k: (k**dim * ratio ** (dim / order(k)), k))
+        best = min(self.poses, key=lambda k: (k**dim * max(ratio ** (dim / order(k)), least), k))
         more = (best / lowest) ** dim
         room = more * self.steps[0].unknowns <= self.request.max_unknowns
         if best == lowest or not room or self._affordable() < SAFETY * more:
