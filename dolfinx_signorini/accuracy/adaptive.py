@@ -238,7 +238,8 @@ def adapt(
     for name, distance in polygonal.items():
         on_boundary = name in (*first.sided.sides, "all")
         log.warning(BENDS if on_boundary else BENDS_INSIDE, name, POLYGON, distance)
-    loop = Loop(poses, first.sided, request, on_step, began, read, fit, curves)
+    known = read, fit, curves, first.singular
+    loop = Loop(poses, first.sided, request, on_step, began, *known)
     loop.run()
     return AdaptiveSolution(
         problem=loop.problem,

@@ -6,7 +6,7 @@ comparison shows is added: the obstacle between the nodes, and data inside of ce
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -33,7 +33,8 @@ from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.base.tolerances import PRECISION
 from dolfinx_signorini.data.coefficients import Coefficients
-from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.data.powers import SingularPoint
+from dolfinx_signorini.meshes.sided_meshes import cell_corners, owned_cells
 from dolfinx_signorini.norms.orders import KINK_EXPONENT, SMOOTH, is_finite
 from dolfinx_signorini.norms.power_sums import collected, joined, total
 from dolfinx_signorini.norms.sectors import LOGARITHM
@@ -58,6 +59,7 @@ class Estimator:
         space: The space of the first solution.
         target: What is to be accurate, see `checked_target`.
         read: Returns what is known of the coefficients of a problem; None where nothing is read.
+        singular: Where data make the solution like a power of the distance.
 
     Attributes:
         rates: The rates of the cells of the present mesh.
@@ -77,9 +79,16 @@ class Estimator:
     estimate: float
     along_curves: float
 
-    def __init__(self, space: fem.FunctionSpace, target: Target, read: Reader | None = None):
+    def __init__(
+        self,
+        space: fem.FunctionSpace,
+        target: Target,
+        read: Reader | None = None,
+        singular: Sequence[SingularPoint] = (),
+    ):
         domain, degree = space.mesh, space.element.basix_element.degree
         self._target, self._read, self._comm = target, read, domain.comm
+        self._singular = singular
         self.rates = Rates(target, degree, len(owned_cells(domain)), domain.topology.dim)
         self.exponent = self.logarithm = SMOOTH
 
@@ -98,6 +107,8 @@ class Estimator:
         self.found = found = indicators(solved)
         if self._read is not None:
             self._look_at_corners(solved)
+        if self._singular and not self._target.weighted:
+            self._look_at_data(solved)
         if measure:
             self.rates.measure(found.local)
         self.rates.assume(found.resolved)
@@ -142,6 +153,17 @@ class Estimator:
             self._comm.allreduce(float(part.min(initial=SMOOTH)), op=MPI.MIN)
             for part in (finite[~logarithms], finite[logarithms])
         )
+
+    def _look_at_data(self, solved: Solved) -> None:
+        """Find the rates at singular points of data; dual solutions are smooth there."""
+        corners = cell_corners(solved.coarse.u.function_space.mesh)
+        exponents = np.full((2, solved.count), SMOOTH)
+        for point in self._singular:
+            for row, here in zip(exponents, point.places(corners), strict=True):
+                row[here] = np.minimum(row[here], point.exponent)
+        inside, at_vertices = self._target.singular_order(exponents, exponents)
+        self.rates.at_points = inside
+        self.rates.corners = np.minimum(self.rates.corners, at_vertices)
 
     @property
     def doubt(self) -> str:

@@ -25,6 +25,7 @@ from dolfinx_signorini.data.interfaces.fitting import fitted_mesh
 from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.interfaces.pieces import inside, widths
 from dolfinx_signorini.data.interfaces.singular_sets import jumps
+from dolfinx_signorini.data.powers import SingularPoint, singular_points
 from dolfinx_signorini.data.sampling import HIDDEN, Datum, Samples, sample
 from dolfinx_signorini.meshes.points import points_at
 from dolfinx_signorini.meshes.polynomials import depths
@@ -50,10 +51,12 @@ class Resolved:
     Attributes:
         sided: The mesh with its sides.
         notes: What is not known or not resolved, in words.
+        singular: Where data make the solution like a power of the distance; the same on all ranks.
     """
 
     sided: SidedMesh
     notes: tuple[str, ...]
+    singular: tuple[SingularPoint, ...] = ()
 
 
 def first_mesh(
@@ -92,7 +95,29 @@ def first_mesh(
     _require_no_jumps(stiff, fitted, subject)
     resolved = resolved_mesh(known, fitted, most)
     # Narrow layers are found by `resolved_mesh` only.
-    return replace(resolved, sided=fit(resolved.sided))
+    singular = () if stiffness else singular_points_of(known, sided)
+    return replace(resolved, sided=fit(resolved.sided), singular=singular)
+
+
+def singular_points_of(data: Sequence[Datum], sided: SidedMesh) -> tuple[SingularPoint, ...]:
+    """Return the points where data make a solution like a power of the distance; collective.
+
+    The solution is like given values, and smoother by a power than a flux or a coefficient, and by
+    two powers than a load in the domain.
+
+    Args:
+        data: The data of a scalar problem.
+        sided: The mesh of the data.
+    """
+    dimension = sided.mesh.topology.dim
+    found = []
+    for datum in data if dimension == 2 else []:
+        smoother = 0.0
+        if datum.measure == "mass":
+            smoother = 2.0 if datum.corners.shape[1] > dimension else 1.0
+        for place, exponent in singular_points(datum.formula, datum.corners):
+            found.append(SingularPoint(place, exponent + smoother))
+    return tuple(sorted(set().union(*sided.mesh.comm.allgather(found))))
 
 
 def _with_jumps(data: Sequence[Datum]) -> list[Datum]:

@@ -8,7 +8,7 @@ The first estimate is discarded: no convergence rate has been measured yet.
 import functools
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -29,6 +29,7 @@ from dolfinx_signorini.base.kinds import check
 from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.data.powers import SingularPoint
 from dolfinx_signorini.meshes.curved_sides import CurvedSides, TurnedOverError
 from dolfinx_signorini.meshes.refinement import Refinement, refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, longest_side
@@ -71,6 +72,7 @@ class Loop:
         read: Returns what is known of the coefficients of a problem; None where nothing is read.
         fit: Moves vertices of a refined mesh onto what the mesh is to follow.
         curves: The curves that sides of the mesh stand for.
+        singular: Where data make the solution like a power of the distance.
 
     Attributes:
         pose: The function that poses the problem, with elements of the present degree.
@@ -108,11 +110,12 @@ class Loop:
         read: Reader | None,
         fit: Callable[[SidedMesh], None],
         curves: CurvedSides,
+        singular: Sequence[SingularPoint],
     ):
         self.poses, self.pose = poses, poses[min(poses)]
         self.sided, self.request, self.on_step = sided, request, on_step
         self.comm, self.began, self.read, self.fit = sided.mesh.comm, began, read, fit
-        self.curves = curves
+        self.curves, self._singular = curves, singular
         self.steps: list[Step] = []
         self.notes: list[str] = []
         self.rounded, self.early, self.stopped = False, request.rtol is None, ""
@@ -231,7 +234,7 @@ class Loop:
         """Begin the rounds with elements of one degree, on the mesh that was just solved on."""
         target = checked_target(self.request.target, self.problem.space)
         self.request = replace(self.request, target=target)
-        self.estimator = Estimator(self.problem.space, target, self.read)
+        self.estimator = Estimator(self.problem.space, target, self.read, self._singular)
         self.rounds = 0
 
     def _takes_another_degree(self) -> bool:

@@ -35,7 +35,7 @@ from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 
-SLOWEST = 0.2  # rate; slower is not distinguished from no convergence
+SLOWEST = 0.2  # rate; slower is not distinguished from no convergence, unless theory does
 # Of the rate for smooth solutions: slower cells have a singular point, unknown ones are just not.
 SINGULAR = 0.5
 
@@ -61,6 +61,7 @@ class Rates:
         values: The rate of each owned cell.
         corners: The rate that theory knows of each cell at a corner; infinity elsewhere.
         at_corners: Whether each cell is at a corner where theory has a slower rate than elsewhere.
+        at_points: The rate that data have in each cell with a singular point; infinity elsewhere.
     """
 
     def __init__(self, target: Target, degree: int, count: int, dimension: int):
@@ -71,6 +72,7 @@ class Rates:
         self._in_slopes = target.norm is not None and target.norm.derivatives > 0.0
         self.corners: Array = np.full(count, np.inf)
         self.at_corners: Mask = np.zeros(count, dtype=bool)
+        self.at_points: Array = np.full(count, np.inf)
         self.values: Array = np.full(count, SINGULAR * self.order)
         self._known: Mask = np.zeros(count, dtype=bool)
         self._confirmed: Mask = np.zeros(count, dtype=bool)
@@ -92,12 +94,15 @@ class Rates:
     def assume(self, resolved: Mask) -> None:
         """Take cells whose rates have not been measured to be smooth where they look so.
 
+        Where the singular point of data lies in a cell is chance, and so is what is measured there.
+
         Args:
             resolved: Whether a cell looks smooth, see `Indicators`.
         """
-        slow = np.clip(self.corners, SLOWEST, SINGULAR * self.order)
+        slow = np.minimum(_of_theory(self.corners), SINGULAR * self.order)
         unknown = np.where(resolved, self.order, slow)
-        self.values = np.where(self._measured, self.values, unknown)
+        values = np.where(self._measured, self.values, unknown)
+        self.values = np.minimum(values, _of_theory(self.at_points))
 
     @property
     def singular_corners(self) -> Mask:
@@ -166,6 +171,7 @@ class Rates:
         self._stood = np.where(divided.away, 0, divided.owners.of(self._stood))
         self.corners = np.full(len(self.values), np.inf)
         self.at_corners = np.zeros(len(self.values), dtype=bool)
+        self.at_points = np.full(len(self.values), np.inf)
         self._known = np.zeros(len(self.values), dtype=bool)
         self._domain, self._before = domain, before
         self._marks, self._divided = marks, divided
@@ -212,7 +218,7 @@ class Rates:
             rates: The measured rates of cells.
             depth: The divisions from which the rates were measured.
         """
-        slow = np.clip(self.corners, SLOWEST, self.order)
+        slow = np.minimum(_of_theory(self.corners), self.order)
         whole, smooth, singular = (2.0 ** (-s * depth) for s in (rates, self.order, slow))
         with np.errstate(all="ignore"):
             shares = (whole - smooth) / (singular - smooth) * singular / whole
@@ -240,3 +246,8 @@ class Rates:
             means = summed_at_vertices(self._domain, shares * known, cells) / sums
         means = np.where(sums > 0.0, means, self.order)
         return np.asarray(means[self._domain.geometry.dofmap[cells]].min(axis=1))
+
+
+def _of_theory(rates: Array) -> Array:
+    """Rates that theory knows; the slowest one where the norm of the solution is infinite."""
+    return np.where(rates > 0.0, rates, SLOWEST)

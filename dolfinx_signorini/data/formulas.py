@@ -234,6 +234,16 @@ def nodes(root: Node) -> list[Node]:
     return list(found)
 
 
+def squares(node: Node) -> list[Node]:
+    """Return a, b, ... of a sum a^2 + b^2 + ...; nothing for other nodes."""
+    if node.op == "+":
+        parts = [squares(a) for a in node.args]
+        return [a for part in parts for a in part] if all(parts) else []
+    if node.op == "*" and node.args[0] is node.args[1]:
+        return [node.args[0]]
+    return [node.args[0]] if node.op == "^" and node.args[1].value == 2.0 else []
+
+
 @dataclass(frozen=True)
 class Formula:
     """A formula in the coordinates.

@@ -35,6 +35,7 @@ from dolfinx_signorini.data.formulas import (
     nodes,
     number,
     shortened,
+    squares,
 )
 from dolfinx_signorini.data.operations import FUNCTIONS, OPERATIONS
 from dolfinx_signorini.data.parsing import MAX_SIZE
@@ -227,9 +228,9 @@ class _Reader:
     def _power(self, base: Node, exponent: Node) -> Node:
         if exponent.op != "number":
             return self.fold("exp", exponent * self.fold("log", base))
-        squares = _squares(base) if exponent.value % 1.0 else []
-        if len(squares) > 1:  # the distance is smooth where its square is, and its zeros are known
-            distance = reduce(lambda a, b: Node("hypot", (a, b)), squares)
+        parts = squares(base) if exponent.value % 1.0 else []
+        if len(parts) > 1:  # the distance is smooth where its square is, and its zeros are known
+            distance = reduce(lambda a, b: Node("hypot", (a, b)), parts)
             return distance ** (2.0 * exponent.value)
         return self.fold("sqrt", base) if exponent.value == 0.5 else base**exponent.value
 
@@ -262,13 +263,3 @@ def _product(a: Node, b: Node) -> Node:
         if any(scaled) and all(scaled) and enclosed_everywhere(scale).low.min() >= 0.0:
             return Node("hypot", (parts[0].args[0], parts[1].args[0]))
     return a * b
-
-
-def _squares(node: Node) -> list[Node]:
-    """Return a, b, ... of a sum a^2 + b^2 + ...; nothing for other nodes."""
-    if node.op == "+":
-        parts = [_squares(a) for a in node.args]
-        return [a for part in parts for a in part] if all(parts) else []
-    if node.op == "*" and node.args[0] is node.args[1]:
-        return [node.args[0]]
-    return [node.args[0]] if node.op == "^" and node.args[1].value == 2.0 else []

@@ -17,12 +17,13 @@ import numpy as np
 
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.data.enclosures import enclosed_on_boxes
-from dolfinx_signorini.data.formulas import Formula, Node, PerNode, nodes
+from dolfinx_signorini.data.formulas import Formula, Node, PerNode, squares
 from dolfinx_signorini.data.interfaces.pieces import widths
 from dolfinx_signorini.data.interfaces.singular_sets import NEAR_POLE
 from dolfinx_signorini.data.intervals import Interval, outward
 from dolfinx_signorini.data.matrices import least_stretch
 from dolfinx_signorini.data.operations import applied
+from dolfinx_signorini.data.powers import pairs
 from dolfinx_signorini.meshes.sided_meshes import simplex_sizes
 
 Scaled = tuple[float, Interval]  # n and t of r^n t
@@ -42,7 +43,7 @@ def root_mean_squares(formula: Formula, corners: Array) -> Array:
     """
     result = np.full(len(corners), np.inf)
     low, high = corners.min(axis=1), corners.max(axis=1)
-    for pair in _pairs(formula.root):
+    for pair in pairs(formula.root):
         radius = enclosed_on_boxes(Formula("r", Node("hypot", pair)), low, high)
         near = np.flatnonzero((radius[0] <= NEAR_POLE * radius[1]) & np.isfinite(radius[1]))
         if not len(near):
@@ -54,15 +55,6 @@ def root_mean_squares(formula: Formula, corners: Array) -> Array:
             found = most * np.sqrt(_mean_power(pair, corners[near], 2.0 * n, radius[1, near]))
         result[near] = np.fmin(result[near], found)
     return result
-
-
-def _pairs(root: Node) -> list[tuple[Node, Node]]:
-    """The arguments of distances and angles in a formula, in either order but once."""
-    found: dict[frozenset[Node], tuple[Node, Node]] = {}
-    for node in nodes(root):
-        if node.op in ("hypot", "atan2"):
-            found.setdefault(frozenset(node.args), (node.args[0], node.args[1]))
-    return list(found.values())
 
 
 def _mean_power(pair: tuple[Node, Node], corners: Array, n: float, most: Array) -> Array:
@@ -94,6 +86,8 @@ class _ScaledNodes(PerNode[Scaled]):
             return 0.0, Interval(self.ends[:, int(node.value)])
         if node.op == "hypot" and self.pair == frozenset(node.args):
             return 1.0, Interval(np.ones((2, 1)))
+        if self.pair == frozenset(squares(node)):
+            return 2.0, Interval(np.ones((2, 1)))
         function = node.operation.of("interval")
         if node.op == "where":
             condition = node.args[0].operation.of("interval")

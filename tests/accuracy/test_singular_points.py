@@ -151,3 +151,45 @@ def test_the_load_of_a_manufactured_solution_that_jumps_inside_cells(comm):
 
 def _none(x, y):
     return ()
+
+
+def cone(exponent, place):
+    """u = r^s around a point, in contact on the top side, where the flux is positive."""
+    a, b = place
+    text = f"""
+[domain]
+shape = "square"
+cells = 8
+[define]
+q = "(x - {a!r})^2 + (y - {b!r})^2"
+[equation]
+reaction = 1
+load = "q^{exponent / 2.0!r} - {exponent**2!r}*q^{exponent / 2.0 - 1.0!r}"
+[contact]
+sides = "top"
+obstacle = "q^{exponent / 2.0!r}"
+[[dirichlet]]
+sides = ["left", "right", "bottom"]
+value = "q^{exponent / 2.0!r}"
+"""
+
+    def slopes(x, y):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            steep = exponent * np.hypot(x - a, y - b) ** (exponent - 2.0)
+            return steep * (x - a), steep * (y - b)
+
+    return Known(text, lambda x, y: np.hypot(x - a, y - b) ** exponent, slopes, {})
+
+
+@pytest.mark.parametrize(("norm", "seed"), [("W1_inf", 1), ("W1_inf", 3), ("W1_4", 0)])
+def test_the_singular_point_of_data_may_be_anywhere_in_a_cell(norm, seed, comm):
+    """Cells with the point are fast or slow by chance, but what is left follows the exponent."""
+    rng = np.random.default_rng([3, seed])
+    exponent, x, y = rng.uniform([1.12, 0.1, 0.1], [1.5, 0.9, 0.6])
+    known = cone(float(exponent), (float(x), 0.0 if seed % 2 else float(y)))
+    accuracy = 0.25 if norm == "W1_inf" else 3e-3
+    scene = parse_scene(known.text, Path("cone.toml"), comm)
+    result = solve_scene(scene, comm, accuracy=accuracy, norm=norm, degree=2)
+    error = true_error(result.u, known, norm)
+    assert result.found.reached and error <= min(result.found.estimate, accuracy)
+    result.destroy()
