@@ -127,7 +127,8 @@ class _Powers(PerNode[Powers]):
 
 def _vanishes_at_zero(node: Node) -> bool:
     """Whether an operation is 0 for the operand 0, as a sine is."""
-    return node.operation.arguments == 1 and node.operation.value(0.0) == 0.0
+    known, (low, high) = node.operation, node.limits
+    return known.arguments == 1 and low < 0.0 < high and bool(known.value(0.0) == 0.0)
 
 
 def _power(base: Powers, n: float, whole: bool = True) -> Powers:
