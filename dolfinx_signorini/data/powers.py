@@ -147,16 +147,17 @@ def _zeros(pair: tuple[Node, Node], corners: Array) -> Array:
     def values(x: Array) -> Array:
         return np.stack([evaluated(node, x) for node in pair], axis=-1)
 
-    at_corners = values(corners)
-    slopes = np.swapaxes(at_corners[:, 1:] - at_corners[:, :1], 1, 2)
-    inverse, shares = inverses(slopes), np.zeros((len(corners), sides.shape[2]))
-    for _ in range(STEPS):
-        now = values(first + np.einsum("pij,pj->pi", sides, shares))
-        step = np.einsum("pij,pj->pi", inverse, now)
-        np.clip(np.nan_to_num(shares - step), -1.0, 2.0, out=shares)
-    points = first + np.einsum("pij,pj->pi", sides, shares)
-    small = HALF_OF_THE_DIGITS * np.abs(at_corners).max(axis=(1, 2))
-    met = np.abs(values(points)).max(axis=1) <= small
+    shares = np.zeros((len(corners), sides.shape[2]))
+    with np.errstate(all="ignore"):  # where the pair does not change
+        at_corners = values(corners)
+        inverse = inverses(np.swapaxes(at_corners[:, 1:] - at_corners[:, :1], 1, 2))
+        for _ in range(STEPS):
+            now = values(first + np.einsum("pij,pj->pi", sides, shares))
+            step = np.einsum("pij,pj->pi", inverse, now)
+            np.clip(np.nan_to_num(shares - step), -1.0, 2.0, out=shares)
+        points = first + np.einsum("pij,pj->pi", sides, shares)
+        small = HALF_OF_THE_DIGITS * np.abs(at_corners).max(axis=(1, 2))
+        met = np.abs(values(points)).max(axis=1) <= small
     return np.asarray(points[met & _is_inside(_barycentric(shares))])
 
 

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from known import Known, bent, true_error
 
+from dolfinx_signorini.accuracy.first_mesh import singular_points_of
 from dolfinx_signorini.scenes import solve_scene
 from dolfinx_signorini.scenes.files.reading import parse_scene
+from dolfinx_signorini.scenes.scene_data import data_of
 
 
 def wedge(degrees, exponent, size=1.0, tip=(0.0, 0.0), turned=0.0):
@@ -193,3 +195,34 @@ def test_the_singular_point_of_data_may_be_anywhere_in_a_cell(norm, seed, comm):
     error = true_error(result.u, known, norm)
     assert result.found.reached and error <= min(result.found.estimate, accuracy)
     result.destroy()
+
+
+def test_the_solution_is_smoother_than_a_load_and_a_flux(comm):
+    """By two powers of the distance and by one; data count where they are alone."""
+    text = """
+degree = 2
+[domain]
+shape = "square"
+cells = 8
+[define]
+q = "(x - 0.3)^2 + (y - 0.2)^2"
+[equation]
+load = "q^-0.4 + hypot(x - 2, y)"
+[contact]
+sides = "top"
+obstacle = "hypot(x - 0.9, y - 1)^1.5 - 3 + q^0.1"
+[[dirichlet]]
+sides = "bottom"
+value = "hypot(x - 0.55, y)^0.6 + q^0.1"
+[[neumann]]
+sides = "left"
+flux = "1 + hypot(x, y - 0.7)^0.25"
+"""
+    scene = parse_scene(text, Path("x.toml"), comm)
+    sided = scene.domain.make(comm)
+    found = singular_points_of(data_of(scene, sided), sided)
+    assert len(found) == len({round(p.place[0], 6) for p in found}) == 4
+    exponents = {tuple(np.round(p.place, 9).tolist()): p.exponent for p in found}
+    assert exponents == pytest.approx(
+        {(0.0, 0.7): 1.25, (0.3, 0.2): 1.2, (0.55, 0.0): 0.6, (0.9, 1.0): 1.5}
+    )

@@ -57,7 +57,9 @@ def test_the_exponent_is_that_of_differences(text, point, whole, part):
     assert exponent == pytest.approx(measured(f, point, np.array([0.6, 0.8])), abs=0.2)
 
 
-@pytest.mark.parametrize("text", ["{q}", "{q}^2", "{r}^4", "exp({q}) + {X}*{Y}", "x*y", "1", "1/x"])
+@pytest.mark.parametrize(
+    "text", ["{q}", "{q}^2", "{r}^4", "exp({q}) + {X}*{Y}", "x*y", "1", "1/x", "hypot(x, 1)"]
+)
 def test_smooth_formulas_have_no_singular_point(text):
     assert not list(singular_points(formula(text, (0.3, 0.4)), SQUARE))
 
