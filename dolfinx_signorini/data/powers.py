@@ -1,8 +1,8 @@
 """Points in the plane around which a datum is like a power of the distance, such as r^1.5 cos(t).
 
-Around a point at which two parts a and b of a formula vanish, the formula is the sum of a smooth
-function and of one that is like r^s, where r is the distance from the point. The exponent s follows
-from the operations, as the order of a zero does. A logarithm or an angle has s = 0.
+Around a point at which two affine parts a and b of a formula vanish, the formula is the sum of a
+smooth function and of one that is like r^s, where r is the distance from the point. The exponent s
+follows from the operations, as the order of a zero does. A logarithm or an angle has s = 0.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,8 +14,6 @@ from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode, evaluated, nodes, squares
 from dolfinx_signorini.meshes.jacobians import inverses
-
-STEPS = 20  # of Newton's method with one Jacobian, for parts that are not affine
 
 
 class SingularPoint(NamedTuple):
@@ -141,24 +139,20 @@ def _power(base: Powers, n: float, whole: bool = True) -> Powers:
 
 
 def _zeros(pair: tuple[Node, Node], corners: Array) -> Array:
-    """The points of segments or triangles at which a pair of nodes vanishes, shape (points, 2)."""
-    first, sides = corners[:, 0], np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
+    """The points of segments or triangles at which a pair of affine nodes vanishes."""
 
     def values(x: Array) -> Array:
         return np.stack([evaluated(node, x) for node in pair], axis=-1)
 
-    shares = np.zeros((len(corners), sides.shape[2]))
+    first, sides = corners[:, 0], np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
     with np.errstate(all="ignore"):  # where the pair does not change
         at_corners = values(corners)
-        inverse = inverses(np.swapaxes(at_corners[:, 1:] - at_corners[:, :1], 1, 2))
-        for _ in range(STEPS):
-            now = values(first + np.einsum("pij,pj->pi", sides, shares))
-            step = np.einsum("pij,pj->pi", inverse, now)
-            np.clip(np.nan_to_num(shares - step), -1.0, 2.0, out=shares)
-        points = first + np.einsum("pij,pj->pi", sides, shares)
-        small = HALF_OF_THE_DIGITS * np.abs(at_corners).max(axis=(1, 2))
-        met = np.abs(values(points)).max(axis=1) <= small
-    return np.asarray(points[met & _is_inside(_barycentric(shares))])
+        slopes = np.swapaxes(at_corners[:, 1:] - at_corners[:, :1], 1, 2)
+        shares = -np.einsum("pij,pj->pi", inverses(slopes), at_corners[:, 0])
+        inside = _is_inside(_barycentric(shares))
+        points = (first + np.einsum("pij,pj->pi", sides, shares))[inside]
+        small = HALF_OF_THE_DIGITS * np.abs(at_corners[inside]).max(axis=(1, 2))
+        return np.asarray(points[np.abs(values(points)).max(axis=1) <= small])
 
 
 def _barycentric(shares: Array) -> Array:
