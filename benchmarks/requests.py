@@ -12,11 +12,10 @@ Three requests are made of each scene: a norm or a functional, and an accuracy b
 kept in a file of JSON lines, to which a later call of the same seed adds those that are missing;
 `--rows` names another file, for example for another version of the program. Meshes may have as many
 unknowns as the loop allows by default, and a request that takes more seconds of the processor than
-`--seconds` counts as not reached. What two steps reach, the
-fewest possible, tells nothing of where the loop aims, and is left out of the median of true over
-asked. The exit code is 1 if a solution misses its accuracy by more than 5 %, or another goal is
-missed: a claim below the truth, or no solution, in 2 % of the requests, and a median of true over
-asked between 0.3 and 0.8 in each norm.
+`--seconds` counts as not reached. What two steps reach, the fewest possible, tells nothing of where
+the loop aims, and is left out of the median of true over asked. The exit code is 1 if a solution
+misses its accuracy by more than 5 %, or another goal is missed: a claim below the truth, or no
+solution, in 2 % of the requests, and a median of true over asked between 0.3 and 0.8 in each norm.
 """
 
 import argparse

@@ -14,6 +14,7 @@ from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode, evaluated, nodes, squares
 from dolfinx_signorini.meshes.jacobians import inverses
+from dolfinx_signorini.meshes.polynomials import barycentric, depths
 
 
 class SingularPoint(NamedTuple):
@@ -37,8 +38,9 @@ class SingularPoint(NamedTuple):
         """
         sides = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
         away = np.array(self.place) - corners[:, 0]
-        shares = _barycentric(np.einsum("tij,tj->ti", inverses(sides), away))
-        here, there = _is_inside(shares), shares.max(axis=1) > 1.0 - HALF_OF_THE_DIGITS
+        shares = np.einsum("tij,tj->ti", inverses(sides), away)
+        here = depths(shares) >= -HALF_OF_THE_DIGITS
+        there = barycentric(shares).max(axis=1) > 1.0 - HALF_OF_THE_DIGITS
         return here & ~there, here & there
 
 
@@ -149,17 +151,7 @@ def _zeros(pair: tuple[Node, Node], corners: Array) -> Array:
         at_corners = values(corners)
         slopes = np.swapaxes(at_corners[:, 1:] - at_corners[:, :1], 1, 2)
         shares = -np.einsum("pij,pj->pi", inverses(slopes), at_corners[:, 0])
-        inside = _is_inside(_barycentric(shares))
+        inside = depths(shares) >= -HALF_OF_THE_DIGITS
         points = (first + np.einsum("pij,pj->pi", sides, shares))[inside]
         small = HALF_OF_THE_DIGITS * np.abs(at_corners[inside]).max(axis=(1, 2))
         return np.asarray(points[np.abs(values(points)).max(axis=1) <= small])
-
-
-def _barycentric(shares: Array) -> Array:
-    """The barycentric coordinates of points, from those of all vertices but the first."""
-    return np.concatenate([1.0 - shares.sum(axis=1, keepdims=True), shares], axis=1)
-
-
-def _is_inside(shares: Array) -> Mask:
-    """Whether barycentric coordinates are those of a point of a simplex, up to rounding."""
-    return np.asarray(shares.min(axis=1) >= -HALF_OF_THE_DIGITS)

@@ -43,7 +43,7 @@ ROUNDS = 5  # of these sweeps on several ranks, which see the values of one anot
 # (benchmarks/random_obstacles.py), and with the first share alone spiral and steps of
 # benchmarks/obstacle.py a third more cycles for as many iterations. On the finest mesh a second
 # cycle costs more than it saves.
-MOST_CYCLES, SLOW, LITTLE = 8, 0.5, 0.15
+MOST_CYCLES, SLOW, STILL = 8, 0.5, 0.15
 
 Bounds = tuple[Array, Array]
 
@@ -128,7 +128,7 @@ class Level:
         steps: list[float] = []
         while len(steps) < most:
             steps.append(self.cycle(x, coarser))
-            if len(steps) > 1 and steps[-1] <= max(SLOW * steps[-2], LITTLE * steps[0]):
+            if len(steps) > 1 and steps[-1] <= max(SLOW * steps[-2], STILL * steps[0]):
                 break
 
     def free(self) -> None:
