@@ -25,16 +25,19 @@ OBSTACLES = (
     "int64_t count, const int32_t *dofs, const double *signs, const double *obstacle, "
     "const double *diagonal, const double *x"
 )
+CHANGES = f"{INT} *slots, {INT} *places, {INT} *owners, double *by"
 KINDS = {"d": "double[]", "i": "int32_t[]", "l": "int64_t[]", "?": "uint8_t[]"}
 DECLARED = f"""
 void forward({SWEEP}, double *step);
 void backward({SWEEP}, double *step);
 void settle({SWEEP}, double *step, int count);
 void largest({MATRIX}, const double *values, double *found);
-void hold({MATRIX}, const uint8_t *held, double diagonal, double *result);
-void renew({MATRIX}, const uint8_t *before, const uint8_t *now,
-           const {INT} *first, const {INT} *parents, const double *weights,
-           const {INT} *begin, const {INT} *numbers, double *product);
+int64_t changed({MATRIX}, const uint8_t *before, const uint8_t *now, int64_t count,
+                const int32_t *dofs, double diagonal, double *result, {CHANGES});
+int64_t carried({MATRIX}, int64_t count,
+                const {INT} *those, const {INT} *owned, const double *change,
+                const {INT} *first, const {INT} *parents, const double *weights,
+                const {INT} *begin, const {INT} *numbers, double *product, {CHANGES});
 void counts({MATRIX}, int32_t *number);
 void sizes({MATRIX}, double *sums);
 int64_t units({MATRIX}, const int32_t *number, int32_t *found, int32_t *parents);
@@ -44,6 +47,7 @@ void touches({OBSTACLES}, uint8_t *found);
 int moves({OBSTACLES}, double *values);
 int places({OBSTACLES}, const uint8_t *held, double *values);
 """
+# `changed` and `carried` note each entry that changes once: `slots` says where, from 1 on.
 # A step is taken by one row after the other: rest - A step is what the steps so far leave, and in
 # the first two sweeps the rows that are still to come have the step zero.
 SOURCE = f"""
@@ -100,30 +104,53 @@ void largest({MATRIX}, const double *values, double *found)
     for ({INT} p = starts[i]; p < starts[i + 1]; ++p)
       if (entries[p] != 0.0 && values[i] > found[columns[p]]) found[columns[p]] = values[i];
 }}
-void hold({MATRIX}, const uint8_t *held, double diagonal, double *result)
+static int64_t noted({INT} place, {INT} row, double change, int64_t count, {CHANGES})
 {{
-  for ({INT} i = 0; i < rows; ++i)
-    for ({INT} p = starts[i]; p < starts[i + 1]; ++p) {{
-      if (!held[i] && !held[columns[p]]) result[p] = entries[p];
-      else result[p] = columns[p] == i ? diagonal : 0.0;
-    }}
+  if (!slots[place]) {{
+    places[count] = place;
+    owners[count] = row;
+    by[count] = 0.0;
+    slots[place] = ({INT})++count;
+  }}
+  by[slots[place] - 1] += change;
+  return count;
 }}
-void renew({MATRIX}, const uint8_t *before, const uint8_t *now,
-           const {INT} *first, const {INT} *parents, const double *weights,
-           const {INT} *begin, const {INT} *numbers, double *product)
+int64_t changed({MATRIX}, const uint8_t *before, const uint8_t *now, int64_t count,
+                const int32_t *dofs, double diagonal, double *result, {CHANGES})
 {{
-  for ({INT} i = 0; i < rows; ++i)
-    for ({INT} p = starts[i]; p < starts[i + 1]; ++p) {{
-      const {INT} j = columns[p];
+  int64_t found = 0;
+  for (int64_t c = 0; c < count; ++c)
+    for ({INT} p = starts[dofs[c]]; p < starts[dofs[c] + 1]; ++p) {{
+      const {INT} i = dofs[c], j = columns[p];
       const int was = !before[i] && !before[j], is = !now[i] && !now[j];
-      if (was == is) continue;
-      for ({INT} k = first[i]; k < first[i + 1]; ++k)
-        for ({INT} l = first[j]; l < first[j + 1]; ++l) {{
-          {INT} place = begin[parents[k]];
-          while (numbers[place] != parents[l]) ++place;
-          product[place] += (is - was) * weights[k] * entries[p] * weights[l];
-        }}
+      {INT} q = starts[j];
+      if (result) result[p] = is ? entries[p] : (i == j ? diagonal : 0.0);
+      if (was != is) found = noted(p, i, (is - was) * entries[p], found, slots, places, owners, by);
+      if (before[j] != now[j]) continue;
+      while (columns[q] != i) ++q;
+      if (result) result[q] = is ? entries[q] : 0.0;
+      if (was != is) found = noted(q, j, (is - was) * entries[q], found, slots, places, owners, by);
     }}
+  return found;
+}}
+int64_t carried({MATRIX}, int64_t count,
+                const {INT} *those, const {INT} *owned, const double *change,
+                const {INT} *first, const {INT} *parents, const double *weights,
+                const {INT} *begin, const {INT} *numbers, double *product, {CHANGES})
+{{
+  int64_t found = 0;
+  for (int64_t c = 0; c < count; ++c) {{
+    const {INT} i = owned[c], j = columns[those[c]];
+    for ({INT} k = first[i]; k < first[i + 1]; ++k)
+      for ({INT} l = first[j]; l < first[j + 1]; ++l) {{
+        const double more = weights[k] * change[c] * weights[l];
+        {INT} place = begin[parents[k]];
+        while (numbers[place] != parents[l]) ++place;
+        product[place] += more;
+        found = noted(place, parents[k], more, found, slots, places, owners, by);
+      }}
+  }}
+  return found;
 }}
 void counts({MATRIX}, int32_t *number)
 {{

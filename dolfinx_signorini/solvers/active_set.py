@@ -95,14 +95,12 @@ def solve_active_set(
             system.project(x)
             residual = measure(x)
         rough = system.layout.in_domain and not (careful or system.singular)
-        if rough:
-            held, residual = rough_steps(system, solver, measure, x, held, rtol)
-            trusted = True
-            if residual <= rtol:
-                break
         if system.singular:
             held = _hold_loose(system, measure, x, held)
-        target = REACHED * rtol
+        target, solved = REACHED * rtol, False
+        if rough:
+            held, solved = rough_steps(system, solver, measure, x, target, stop is None)
+            trusted = True
         if not (trusted or careful):
             target = max(target, LOOSEST * residual)
         if stop is not None:
@@ -111,7 +109,8 @@ def solve_active_set(
         probe = Probe(measure, solver, x, held) if trusted and local else None
         check = None if probe is None else probe.enough
         known = None if rough else measure.multiplier
-        solver.solve(system, x, held, target * measure.scale, known, stop, check)
+        if not solved:
+            solver.solve(system, x, held, target * measure.scale, known, stop, check)
         corrected, norm = (None, 0.0) if probe is None else probe.take()
         if corrected is None:
             residual, norm = _measured(measure, x, rtol), measure.norm

@@ -16,12 +16,13 @@ from dolfinx_signorini.solvers.coarse_space import coarse_start, out_of_reach
 from dolfinx_signorini.solvers.full_multigrid import full_multigrid
 from dolfinx_signorini.solvers.history import Guess, History
 from dolfinx_signorini.solvers.linear.direct import linear_solver
+from dolfinx_signorini.solvers.linear.rows import Rows
 from dolfinx_signorini.solvers.patch import active_in_patch
 from dolfinx_signorini.solvers.prediction import predict, settled
 from dolfinx_signorini.solvers.pressure import ContactState
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.solvers.result import SolveResult
-from dolfinx_signorini.solvers.rough_steps import rough_step
+from dolfinx_signorini.solvers.rough_steps import rough_step, swept
 from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.solvers.system import System
 from dolfinx_signorini.solvers.tao import TaoRounds
@@ -149,9 +150,11 @@ class ActiveSetSolver:
             if not rough or before <= measure.rtol:
                 return held, False
             if before <= CLOSE and not system.singular:
-                start = system, self.linear, measure, x, held, measure.rtol
-                held, _, residual = rough_step(*start)
-                if residual < before:
+                held = swept(system, Rows(system.A), "forward", x, measure.multiplier)
+                step = system, self.linear, measure, x, held, "backward"
+                held, _ = rough_step(*step, measure.rtol, last=True)
+                system.project(x)
+                if measure(x) < before:
                     return held, False
         elif coarse is None and out_of_reach(system, x):
             return np.full(len(system.contact_dofs), False), True
@@ -159,7 +162,6 @@ class ActiveSetSolver:
         if multigrid is not None and (coarse is None or system.layout.in_domain):
             found = full_multigrid(system, multigrid, x)
             if found is not None:
-                self.linear.forget()
                 # A coarse body may be far too stiff: the residual tells whether to trust the set.
                 return settled(system, x, found), system.layout.block == 1
         if held is not None:

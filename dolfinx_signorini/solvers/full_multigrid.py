@@ -43,7 +43,7 @@ ROUNDS = 5  # of these sweeps on several ranks, which see the values of one anot
 # (benchmarks/random_obstacles.py), and with the first share alone spiral and steps of
 # benchmarks/obstacle.py a third more cycles for as many iterations. On the finest mesh a second
 # cycle costs more than it saves.
-MOST_CYCLES, SLOW, STILL = 8, 0.5, 0.15
+MOST_CYCLES, SLOW, STILL = 8, 0.5, 0.2
 
 Bounds = tuple[Array, Array]
 
@@ -191,7 +191,7 @@ def full_multigrid(system: System, multigrid: Multigrid, x: PETSc.Vec) -> Mask |
 
     Args:
         system: The system; the call is collective.
-        multigrid: The cycle, whose matrices are overwritten.
+        multigrid: The cycle.
         x: The vector, overwritten by a feasible one.
 
     Returns:
@@ -212,19 +212,18 @@ def full_multigrid(system: System, multigrid: Multigrid, x: PETSc.Vec) -> Mask |
 
 
 def levels_of(system: System, multigrid: Multigrid) -> list[Level]:
-    """Return the levels of a system, the finest first; the matrices of the cycle are overwritten.
+    """Return the levels of a system, the finest first.
 
     Args:
         system: The system; where nodes have a direction, along an axis. The call is collective.
         multigrid: The cycle.
     """
-    none = np.zeros(system.A.getLocalSize()[0], dtype=bool)
-    signs = system.layout.turned(np.ones(len(none)))
-    multigrid.coarsen(system.A, system.assembled, none, system.A)
+    signs = system.layout.turned(np.ones(system.A.getLocalSize()[0]))
     load = system.b.copy()
     load.array_w[system.fixed_dofs] = 0.0
     levels: list[Level] = []
-    bounds, matrices = system.bounds_with_data, (system.A, *multigrid.matrices)
+    bounds = system.bounds_with_data
+    matrices = system.A, *multigrid.products(system.A, system.assembled)
     for matrix, prolongation in zip(matrices, (*multigrid.prolongations, None), strict=True):
         levels.append(Level(matrix, load, bounds, prolongation, signs))
         if prolongation is not None:

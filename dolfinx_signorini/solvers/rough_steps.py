@@ -2,16 +2,19 @@
 
 The ends of contact are curves or surfaces there, with as many dofs as the mesh is wide, and many
 are wrong at first. A step is a projected Gauss-Seidel sweep, which moves the ends by about a dof
-and says which dofs are in contact, and some conjugate gradients with the dofs in contact held. The
-preconditioner may be one for another set, as long as the set keeps changing.
+and says which dofs are in contact, and some conjugate gradients with the dofs in contact held. When
+a sweep over their iterate changes nothing of the set, the conjugate gradients go on to the end.
 
 Source: Graeser and Kornhuber, J. Comput. Math. 27 (2009) 1-44, for truncated nonsmooth Newton
 multigrid.
 """
 
+import itertools
+
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Mask
+from dolfinx_signorini.base.ranks import anywhere
 from dolfinx_signorini.solvers.linear.rows import Rows
 from dolfinx_signorini.solvers.linear.solver import LinearSolver
 from dolfinx_signorini.solvers.residual import NaturalResidual
@@ -21,8 +24,6 @@ from dolfinx_signorini.solvers.system import System
 # solve takes as long or longer (benchmarks/obstacle.py).
 ITERATIONS = 2
 LONGEST = 30  # steps
-# The set of the preconditioner may be another one at this many times the dofs that a sweep changes.
-STALE = 4
 
 
 def swept(system: System, rows: Rows, kind: str, x: PETSc.Vec, multiplier: PETSc.Vec) -> Mask:
@@ -42,33 +43,54 @@ def swept(system: System, rows: Rows, kind: str, x: PETSc.Vec, multiplier: PETSc
     return system.touching_once(x)
 
 
-def rough_steps(
-    system: System,
-    solver: LinearSolver,
-    measure: NaturalResidual,
-    x: PETSc.Vec,
-    held: Mask,
-    rtol: float,
-) -> tuple[Mask, float]:
-    """Improve x by rough steps, until a sweep changes nothing of the active set.
+class Sweep:
+    """A sweep over an iterate of a linear solve, which ends if the sweep changes the active set.
+
+        sweep = Sweep(measure, x, held, "forward")
+        solver.solve(system, x, held, atol, check=sweep.enough)
+        held = sweep.take()
 
     Args:
-        system: The system.
-        solver: The linear solver.
-        measure: Holds the multiplier of x, before and afterwards.
-        x: A feasible vector, overwritten.
-        held: The guess of the active set that goes with x.
-        rtol: The relative natural residual to reach, which ends the steps earlier.
+        measure: Measures natural residuals.
+        x: The vector that the solve improves, at its start while the solve goes on.
+        held: The active set of the solve.
+        kind: "forward" or "backward".
+        last: Whether the solve ends with the sweep in any case.
 
-    Returns:
-        The active set, and the relative natural residual of x.
+    Attributes:
+        changed: Whether the sweep has changed the set.
     """
-    residual = measure.relative
-    for kind in ("forward", "backward") * (LONGEST // 2):
-        held, changed, residual = rough_step(system, solver, measure, x, held, rtol, kind, False)
-        if not changed or residual <= rtol:
-            break
-    return held, residual
+
+    def __init__(
+        self, measure: NaturalResidual, x: PETSc.Vec, held: Mask, kind: str, last: bool = False
+    ):
+        self._measure, self._x, self._held, self._kind = measure, x, held, kind
+        self._last, self.changed = last, False
+        self._iterate: PETSc.Vec | None = None
+        self._swept = held
+
+    def enough(self, correction: PETSc.Vec, iteration: int, norm: float, unit: float) -> bool:
+        """Return whether the set is another one than that of the solve, see `Probe.enough`."""
+        if iteration != ITERATIONS:
+            return False
+        measure, system = self._measure, self._measure.system
+        self._iterate = self._x.copy(self._iterate)
+        self._iterate.axpy(unit, correction)
+        system.project(self._iterate)
+        system.set_forces(self._iterate, measure.multiplier)
+        measure.with_multiplier(self._iterate)
+        rows = Rows(system.A)
+        self._swept = swept(system, rows, self._kind, self._iterate, measure.multiplier)
+        self.changed = anywhere(system.comm, self._swept != self._held)
+        return self.changed or self._last
+
+    def take(self) -> Mask:
+        """Give x the iterate after the sweep, if that has ended the solve; return the set."""
+        if self._iterate is not None:
+            if self.changed:
+                self._iterate.copy(self._x)
+            self._iterate.destroy()
+        return self._swept
 
 
 def rough_step(
@@ -77,30 +99,59 @@ def rough_step(
     measure: NaturalResidual,
     x: PETSc.Vec,
     held: Mask,
+    kind: str,
     rtol: float,
-    kind: str = "forward",
-    always: bool = True,
-) -> tuple[Mask, int, float]:
-    """Improve x by a sweep and some conjugate gradients, see `rough_steps` for the arguments.
+    last: bool,
+) -> tuple[Mask, bool]:
+    """Improve x by conjugate gradients and a sweep.
 
     Conjugate gradients for a set that is far from the right one raise the residual.
 
     Args:
-        kind: "forward" or "backward".
-        always: Whether conjugate gradients follow a sweep that changes nothing of the set, too.
+        system: The system.
+        solver: The linear solver.
+        measure: Measures natural residuals, in the last place that of a vector near x.
+        x: A feasible vector, overwritten.
+        held: Its active set, after a sweep.
+        kind: "forward" or "backward", other than the sweep before.
+        rtol: The residual of the linear system to reach where the sweep changes nothing, over the
+            scale of natural residuals.
+        last: Whether the conjugate gradients end with the sweep in any case.
 
     Returns:
-        The active set, how many of its dofs the sweep has changed, and the residual of x.
+        The active set, and whether it has changed.
     """
-    before, held = held, swept(system, Rows(system.A), kind, x, measure.multiplier)
-    changed = system.comm.allreduce(int((before != held).sum()))
-    if not (changed or always):
-        return held, changed, measure.relative
+    sweep = Sweep(measure, x, held, kind, last)
+    solver.solve(system, x, held, rtol * measure.scale, check=sweep.enough)
+    solver.solves -= sweep.changed or last
+    return sweep.take(), sweep.changed
 
-    def enough(correction: PETSc.Vec, iteration: int, norm: float, unit: float) -> bool:
-        return iteration >= ITERATIONS
 
-    slack = STALE * changed
-    solver.solve(system, x, held, rtol * measure.scale, check=enough, slack=slack)
-    system.project(x)
-    return held, changed, measure(x)
+def rough_steps(
+    system: System,
+    solver: LinearSolver,
+    measure: NaturalResidual,
+    x: PETSc.Vec,
+    rtol: float,
+    to_the_end: bool,
+) -> tuple[Mask, bool]:
+    """Improve x by rough steps, until a sweep changes nothing of the active set.
+
+    Args:
+        system: The system.
+        solver: The linear solver.
+        measure: Holds the multiplier of x, overwritten.
+        x: A feasible vector, overwritten.
+        rtol: The residual of the linear system to reach, over the scale of natural residuals.
+        to_the_end: Whether the last solve goes on until then.
+
+    Returns:
+        The active set, and whether the residual is reached for this set.
+    """
+    held = swept(system, Rows(system.A), "forward", x, measure.multiplier)
+    for kind in itertools.islice(itertools.cycle(("backward", "forward")), LONGEST):
+        step = system, solver, measure, x, held, kind, rtol, not to_the_end
+        held, changed = rough_step(*step)
+        if not changed:
+            return held, to_the_end
+    return held, False

@@ -45,10 +45,9 @@ class DirectSolver(LinearSolver):
         multiplier: PETSc.Vec | None = None,
         stop: Stop | None = None,
         check: Check | None = None,
-        slack: int | None = None,
     ) -> None:
         """Solve by a factorization, or by the solver that took over, see `LinearSolver`."""
-        self.solves += slack is None
+        self.solves += 1
         if self._iterative is None and self._factors(system, held):
             known = None if system.place(x, held) else multiplier
             unit = set_residual(system, x, held, known, self._rhs)
@@ -60,7 +59,7 @@ class DirectSolver(LinearSolver):
             self.exact = False
             self._iterative = IterativeSolver(system, self._prefix, self._options)
         before = self._iterative.iterations
-        self._iterative.solve(system, x, held, atol, multiplier, stop, check, slack)
+        self._iterative.solve(system, x, held, atol, multiplier, stop, check)
         self.iterations += self._iterative.iterations - before
 
     def multiply(self, system: System, iterate: PETSc.Vec, result: PETSc.Vec) -> None:
@@ -92,7 +91,7 @@ class DirectSolver(LinearSolver):
             return True
         entry = float(system.contact_diagonal[:1].sum()) or 1.0  # of the size of the others
         self._ksp.getPC().setFactorPivot(NO_PIVOT * entry)  # in the unit of the form
-        self._ksp.setOperators(self._hold(system.contact_dofs[held], entry))
+        self._ksp.setOperators(self._hold(system, system.contact_dofs[held], entry))
         self._ksp.setUp()
         self._held, self._assembled = held.copy(), system.assembled
         self.setups += 1

@@ -87,13 +87,12 @@ class IterativeSolver(LinearSolver):
         multiplier: PETSc.Vec | None = None,
         stop: Stop | None = None,
         check: Check | None = None,
-        slack: int | None = None,
     ) -> None:
         """Solve by conjugate gradients, see `LinearSolver`."""
         if system.place(x, held):
             multiplier = None
-        self.solves += slack is None
-        fresh = self._prepare(system, held, slack)
+        self.solves += 1
+        fresh = self._prepare(system, held)
         self._checks = [] if check is None else [check]
         if stop is not None and self.multigrid is not None:
             self._checks.append(stop.enough)
@@ -168,7 +167,7 @@ class IterativeSolver(LinearSolver):
         destroy(self.multigrid, self._contact_rows, self._pc)
         self._projected.free()
 
-    def _prepare(self, system: System, held: Mask, slack: int | None) -> bool:
+    def _prepare(self, system: System, held: Mask) -> bool:
         """Hold the dofs, and set the preconditioner up unless the last set-up will do.
 
         Where the obstacle is in the domain, sets change at so many dofs that a set-up of geometric
@@ -181,9 +180,6 @@ class IterativeSolver(LinearSolver):
         if self._held is not None:
             counts = np.array([(held != self._held).sum(), len(held)])
             changed, total = self.comm.allreduce(counts)
-            if slack is not None and changed <= slack and same:
-                self._projected.hold(system, held)
-                return False
             # A method without iterations does not mend what a set-up lacks.
             mended = self._ksp.getType() != PETSc.KSP.Type.PREONLY
             reuse = 0.0 if system.layout.in_domain and self.multigrid is not None else REUSE
@@ -221,7 +217,7 @@ class IterativeSolver(LinearSolver):
 
     def _make_preconditioner(self, system: System, held: Mask) -> None:
         if self.multigrid is None:
-            matrix = self._hold(system.contact_dofs[held], _typical(system))
+            matrix = self._hold(system, system.contact_dofs[held], _typical(system))
             if self._block > 1:  # constants are known without
                 attach_motions(matrix, motions_of(system.layout), system.known_dofs(held))
             if self._pc.getType() == PETSc.PC.Type.GAMG:
@@ -231,8 +227,7 @@ class IterativeSolver(LinearSolver):
         else:
             dofs = system.known_dofs(held)
             typical, number = _typical(system), system.assembled
-            known = self.multigrid.has_products(system.A, number)
-            matrix = self._hold(dofs, typical if known else 0.0)
+            matrix = self._hold(system, dofs, typical)
             self.multigrid.set_up(system.A, matrix, dofs, typical, number)
             self._projected.pc = self.multigrid.pc
         self._projected.hold(system, held)

@@ -76,8 +76,10 @@ class Multigrid:
         self.coarsest = coarsest
         self.matrices: list[PETSc.Mat] = []
         self._levels: list[tuple[PETSc.KSP, ...]] = []
-        self._state: tuple[int, Mask] | None = None  # of the products: the matrix, the held dofs
-        self._filled: list[LocalIndices] = []  # rows of the products with a diagonal entry alone
+        self._products: list[PETSc.Mat] = []  # without held dofs
+        self._number = 0  # how often the matrix of these had been assembled
+        self._off: Mask | None = None  # the held dofs of the matrices, on one rank
+        self._filled: list[LocalIndices] = []  # rows of the matrices with a diagonal entry alone
         self._make()
 
     @property
@@ -90,21 +92,21 @@ class Multigrid:
     def set_up(
         self, A: PETSc.Mat, matrix: PETSc.Mat, held: LocalIndices, diagonal: float, number: int
     ) -> None:
-        """Set the cycle up for a matrix, and fill in the diagonal of the matrix at held dofs.
+        """Set the cycle up for a matrix.
 
         Args:
             A: The matrix with the rows and columns of the held dofs.
-            matrix: The matrix, whose rows and columns of the held dofs are zero, but for the
-                diagonal where the cycle has products of A, see `has_products`.
+            matrix: The matrix, whose rows and columns of the held dofs are those of a diagonal.
             held: The owned dofs that are held.
             diagonal: The diagonal entries of held dofs.
             number: How often A has been assembled.
         """
+        if not self._levels:
+            self._make()
         off = np.zeros(A.getLocalSize()[0], dtype=bool)
         off[held] = True
-        filled = self.has_products(A, number)
-        self.coarsen(A, number, off, matrix)
-        dead = off
+        self._coarsen(A, matrix, off, number)
+        dead, self._filled = off, []
         for prolongation, coarse in zip(self.prolongations, self.matrices, strict=True):
             # A coarse function at held dofs alone is zero.
             dead = Rows(prolongation).largest(np.where(dead, 0.0, 1.0)) <= 0.0
@@ -117,8 +119,6 @@ class Multigrid:
             coarsest, places = self.matrices[-1], self._places[len(self.prolongations) - 1]
             size, comm = coarsest.getBlockSize(), coarsest.comm.tompi4py()
             attach_motions(coarsest, rigid_motions(comm, places, size), self._filled[-1])
-        if not filled:
-            _fill(matrix, held, diagonal)
         for solvers, level_matrix in zip(self._levels, [matrix, *self.matrices], strict=True):
             for solver in solvers:
                 solver.setOperators(level_matrix)
@@ -127,44 +127,64 @@ class Multigrid:
         with options_set(*self._coarse_options):  # GAMG reads those of its levels now
             self.pc.setUp()
 
-    def has_products(self, A: PETSc.Mat, number: int) -> bool:
-        """Whether products of A for some held dofs are at hand, which can be renewed in parts.
+    def products(self, A: PETSc.Mat, number: int) -> list[PETSc.Mat]:
+        """Return the Galerkin products of a matrix without held dofs, the finest first.
 
         Args:
-            A: The matrix.
+            A: The matrix; the call is collective.
             number: How often A has been assembled.
         """
-        return A.comm.size == 1 and self._state is not None and self._state[0] == number
+        if self._number != number:
+            self._multiply(A, self._products)
+            self._number, self._off = number, None
+        return self._products
 
-    def coarsen(self, A: PETSc.Mat, number: int, off: Mask, matrix: PETSc.Mat) -> None:
+    def _coarsen(self, A: PETSc.Mat, matrix: PETSc.Mat, off: Mask, number: int) -> None:
         """Make the Galerkin products of a matrix without the rows and columns of held dofs.
 
-        Where a product for other held dofs is at hand, see `has_products`, the entries that have
-        changed are enough for the largest product.
+        On one rank the entries that change are enough: since the last products, or beside those
+        without held dofs, if fewer dofs are held than have changed.
 
         Args:
             A: The matrix.
-            number: How often A has been assembled.
+            matrix: The matrix with a diagonal in place of these rows and columns.
             off: Whether the owned dofs are held.
-            matrix: The matrix without these rows and columns.
+            number: How often A has been assembled.
         """
-        if not self.matrices:
-            self.free()
-            self._make()
-        made, fine = self.matrices, matrix
-        known = self._state if self.has_products(A, number) else None
+        if A.comm.size > 1:
+            held, diagonal = np.flatnonzero(off).astype(np.int32), matrix.getDiagonal()
+            _fill(matrix, held, 0.0)
+            self._multiply(matrix, self.matrices)
+            matrix.setDiagonal(diagonal)
+            diagonal.destroy()
+            return
+        products, before = self.products(A, number), self._off
+        if before is None or off.sum() < (off != before).sum():
+            before = np.zeros_like(off)
+            for level, product in enumerate(products):
+                if level == len(self.matrices):
+                    self.matrices.append(product.duplicate())
+                same = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+                product.copy(self.matrices[level], structure=same)
+        else:
+            for renewed, rows in zip(self.matrices, self._filled, strict=True):
+                _fill(renewed, rows, 0.0)
+        fine = Rows(A)
+        changes = fine.changes(before, off)
+        for prolongation, renewed in zip(self.prolongations, self.matrices, strict=True):
+            coarse = Rows(renewed)
+            changes = fine.renew(changes, Rows(prolongation), coarse)
+            fine = coarse
+        self._off = off
+
+    def _multiply(self, fine: PETSc.Mat, results: list[PETSc.Mat]) -> None:
+        """Make the Galerkin products of a matrix, in those of earlier ones if there are any."""
         for level, prolongation in enumerate(self.prolongations):
-            result = made[level] if level < len(made) else None
-            if level == 0 and known is not None and result is not None:
-                for rows in self._filled[:1]:
-                    _fill(result, rows, 0.0)
-                Rows(A).renew(known[1], off, Rows(prolongation), Rows(result))
-                fine = result
-                continue
-            fine = fine.ptap(prolongation, result=result)
-            if result is None:
-                made.append(fine)
-        self._state, self._filled = (number, off), []
+            if level < len(results):
+                fine = fine.ptap(prolongation, result=results[level])
+            else:
+                fine = fine.ptap(prolongation)
+                results.append(fine)
 
     def extended(self, x: PETSc.Vec, known: Mask) -> None:
         """Extend the values of x at known dofs to all others, by the functions of coarser levels.
@@ -257,9 +277,8 @@ class Multigrid:
 
     def free(self) -> None:
         """Free what a set-up has made."""
-        self.pc.destroy()
-        destroy(*self.matrices)
-        self.matrices, self._levels, self._state, self._filled = [], [], None, []
+        destroy(self.pc, *self._products, *self.matrices)
+        self._levels, self._products, self.matrices, self._number = [], [], [], 0
 
     def destroy(self) -> None:
         """Free the PETSc objects."""

@@ -2,7 +2,7 @@
 
 import ctypes
 import functools
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from mpi4py import MPI
@@ -11,6 +11,9 @@ from petsc4py import PETSc
 from dolfinx_signorini.base.arrays import Array, Indices, LocalIndices, Mask
 from dolfinx_signorini.base.kernels import INT, loops, run
 from dolfinx_signorini.base.petsc import destroy
+
+# Entries of a matrix that change: their places among all entries, their rows, and by how much.
+Changes: TypeAlias = tuple[Indices, Indices, Array]
 
 
 @functools.cache
@@ -107,28 +110,48 @@ class Rows:
             run("sizes", *self._other, sums)
         return sums
 
-    def hold(self, held: Mask, diagonal: float, result: "Rows") -> None:
-        """Set a matrix of the same pattern to this one with the rows and columns of held dofs off.
+    def changes(
+        self, before: Mask, now: Mask, diagonal: float = 0.0, result: "Rows | None" = None
+    ) -> Changes:
+        """Return the changes of this matrix without the rows and columns of held dofs.
+
+        The diagonal entries of held dofs are 0 there.
 
         Args:
-            held: Whether each dof is held.
-            diagonal: The diagonal entries of these.
-            result: The matrix, on one rank.
-        """
-        run("hold", *self._local, held, diagonal, result._local[-1])
-        result.matrix.assemble()
-
-    def renew(self, before: Mask, now: Mask, prolongation: "Rows", product: "Rows") -> None:
-        """Renew a Galerkin product of this matrix without the rows and columns of held dofs.
-
-        Args:
-            before: Which dofs were held in the product.
+            before: Which dofs were held.
             now: Which dofs are held.
+            diagonal: The diagonal entries of held dofs in the result.
+            result: The matrix with these entries, on one rank, which is changed in place.
+        """
+        dofs = np.flatnonzero(before != now).astype(np.int32)
+        entries = self._ffi.NULL if result is None else result._local[-1]
+        given = *self._local, before, now, len(dofs), dofs, diagonal, entries
+        found = self._noted("changed", *given)
+        if result is not None:
+            result.matrix.assemble()
+        return found
+
+    def renew(self, changes: Changes, prolongation: "Rows", product: "Rows") -> Changes:
+        """Renew a Galerkin product of this matrix, and return the changes of the product.
+
+        Args:
+            changes: The changes of this matrix.
             prolongation: The prolongation, on one rank.
             product: The product, changed in place.
         """
-        run("renew", *self._local, before, now, *prolongation._local[1:], *product._local[1:])
+        given = *self._local, len(changes[0]), *changes, *prolongation._local[1:]
+        found = product._noted("carried", *given, *product._local[1:])
         product.matrix.assemble()
+        return found
+
+    def _noted(self, kind: str, *given: Any) -> Changes:
+        """Run a loop that notes changes of this matrix."""
+        entries = int(self._local[1][self._local[0]])
+        slots = np.zeros(entries, dtype=PETSc.IntType)  # where each change is noted, from 1 on
+        places, owners = (np.empty(entries, dtype=PETSc.IntType) for _ in range(2))
+        by = np.empty(entries)
+        count = run(kind, *given, slots, places, owners, by)
+        return places[:count].copy(), owners[:count].copy(), by[:count].copy()
 
     def units(self) -> tuple[LocalIndices, Indices]:
         """Return the rows of this rank with one entry, 1 or -1, and the columns of these."""

@@ -62,8 +62,10 @@ class LinearSolver(ABC):
         self.solves = self.setups = self.iterations = 0
         self._prefix, self._options = prefix, dict(options or {})
         self._matrix: PETSc.Mat | None = None  # A with held dofs
+        self._off: Mask  # these dofs, on one rank
         self._held: Mask | None = None  # the held dofs of the set-up
         self._assembled = 0  # how often the matrix of the set-up had been assembled
+        self._copied = 0  # how often A had been assembled when its copy was made
         self._rhs, self._correction = system.A.createVecLeft(), system.A.createVecRight()
         self._ksp = PETSc.KSP().create(self.comm)
 
@@ -77,7 +79,6 @@ class LinearSolver(ABC):
         multiplier: PETSc.Vec | None = None,
         stop: Stop | None = None,
         check: Check | None = None,
-        slack: int | None = None,
     ) -> None:
         """Solve for the dofs that are not held, from x on, until the norm of the residual is atol.
 
@@ -89,7 +90,6 @@ class LinearSolver(ABC):
             multiplier: A x - b for the start, where that is known.
             stop: Ends the solve earlier, if coarser meshes are known to begin on.
             check: Ends the solve earlier, if there are iterations.
-            slack: For a rough solve, at how many dofs the set of the preconditioner may be another.
 
         Raises:
             InputError: The form turned out to be indefinite.
@@ -117,28 +117,33 @@ class LinearSolver(ABC):
     def free(self) -> None:
         """Free the set-up; a next solve makes a new one."""
 
-    def forget(self) -> None:
-        """Make the set-up anew in the next solve: its matrices have been overwritten."""
-        self._held = None
-
     def destroy(self) -> None:
         """Free the PETSc objects."""
         self.free()
         destroy(self._matrix, self._ksp, self._rhs, self._correction)
         self._matrix = None
 
-    def _hold(self, dofs: LocalIndices, diagonal: float) -> PETSc.Mat:
-        """Return the matrix whose rows and columns of some owned dofs are those of a diagonal."""
+    def _hold(self, system: System, dofs: LocalIndices, diagonal: float) -> PETSc.Mat:
+        """Return the matrix whose rows and columns of some owned dofs are those of a diagonal.
+
+        Args:
+            system: The system.
+            dofs: The dofs.
+            diagonal: The diagonal entries, the same ones as long as the matrix is not assembled.
+        """
+        off = np.zeros(self.A.getLocalSize()[0], dtype=bool)
         if self._matrix is None:
-            self._matrix = without_nodes(self.A.copy())
+            self._matrix, self._off = without_nodes(self.A.copy()), off.copy()
+        elif self.comm.size > 1 or self._copied != system.assembled:
+            self.A.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+            self._off = off.copy()
+        self._copied = system.assembled
         if self.comm.size == 1:
-            held = np.zeros(self.A.getLocalSize()[0], dtype=bool)
-            held[dofs] = True
-            Rows(self.A).hold(held, diagonal, Rows(self._matrix))
+            off[dofs] = True
+            Rows(self.A).changes(self._off, off, diagonal, Rows(self._matrix))
+            self._off = off
             return self._matrix
-        self.A.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        first = self._matrix.getOwnershipRange()[0]
-        self._matrix.zeroRowsColumns(dofs + first, diag=diagonal)
+        self._matrix.zeroRowsColumns(dofs + self._matrix.getOwnershipRange()[0], diag=diagonal)
         self._matrix.assemble()  # else the inverse diagonals that PETSc's sweeps keep are old ones
         return self._matrix
 

@@ -101,22 +101,24 @@ def test_nodes_of_a_coarser_mesh_are_nodes_of_the_finer_one():
 
 
 @pytest.mark.skipif(COMM.size > 1, reason="products are renewed on one rank")
-def test_a_renewed_product_is_the_product_of_the_matrix_without_held_dofs():
+def test_renewed_products_are_those_of_the_matrix_without_held_dofs():
     fine, rng = space(), np.random.default_rng(3)
-    A, (P, *others) = stiffness(fine), mesh_prolongations(fine)
+    A, prolongations = stiffness(fine), mesh_prolongations(fine)
     size = A.getSize()[0]
-    masks = [np.zeros(size, dtype=bool), *(rng.random(size) < share for share in (0.4, 0.2))]
-    product = A.ptap(P)
-    truncated = A.copy()
+    masks = [np.zeros(size, dtype=bool), *(rng.random(size) < share for share in (0.4, 0.2, 0.0))]
+    products, truncated = [A], A.copy()
+    for P in prolongations:
+        products.append(products[-1].ptap(P))
     for before, now in itertools.pairwise(masks):
-        Rows(A).renew(before, now, Rows(P), Rows(product))
-        Rows(A).hold(now, 0.0, Rows(truncated))
-        expected = truncated.ptap(P)
-        product.axpy(-1.0, expected, structure=product.Structure.SUBSET_NONZERO_PATTERN)
-        assert product.norm() < 1e-13 * expected.norm()
-        product.axpy(1.0, expected, structure=product.Structure.SUBSET_NONZERO_PATTERN)
+        changes = Rows(A).changes(before, now, 2.0, Rows(truncated))
         free = np.where(now, 0.0, 1.0)
-        assert (dense(truncated) == free[:, None] * dense(A) * free).all()
-        expected.destroy()
-    for item in (A, P, product, truncated, *others):
+        held = free[:, None] * dense(A) * free
+        assert (dense(truncated) == held + 2.0 * np.diag(1.0 - free)).all()
+        expected = held
+        for matrix, P, product in zip(products, prolongations, products[1:], strict=False):
+            changes = Rows(matrix).renew(changes, Rows(P), Rows(product))
+            expected = dense(P).T @ expected @ dense(P)
+            assert np.abs(dense(product) - expected).max() < 1e-13 * np.abs(dense(A)).max()
+    assert len(prolongations) > 1
+    for item in (*products, *prolongations, truncated):
         item.destroy()
