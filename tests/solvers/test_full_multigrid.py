@@ -20,7 +20,7 @@ from dolfinx_signorini.solvers.full_multigrid import full_multigrid, levels_of
 from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
 from dolfinx_signorini.solvers.linear.rows import Rows
 from dolfinx_signorini.solvers.residual import NaturalResidual
-from dolfinx_signorini.solvers.rough_steps import swept
+from dolfinx_signorini.solvers.rough_steps import ITERATIONS, Sweep, swept
 
 COMM = MPI.COMM_WORLD
 RTOL = 1e-9
@@ -133,6 +133,33 @@ def test_a_sweep_never_raises_the_energy_and_holds_what_is_at_the_bounds():
         assert after < before
         before = after
     for item in (measure, x, problem):
+        item.destroy()
+
+
+@pytest.mark.parametrize("wrong", [False, True])
+def test_a_sweep_ends_the_linear_solve_of_a_wrong_set_alone(wrong):
+    problem = posed(linear(friedrichs_keller(COMM, 60)))
+    problem.solve(rtol=1e-12)
+    system, x = problem.system, problem.system.vector_of(problem.u)
+    solver, measure = IterativeSolver(system, "sweep_", {}), NaturalResidual(system)
+    right = system.touching_once(x)
+    held = right & (not wrong)
+    x.array_w[~np.isin(np.arange(len(x.array_r)), system.contact_dofs[right])] += 1e-6
+    system.project(x)
+    atol = 1e-9 * measure.scale
+    sweep = Sweep(measure, x, held, "backward")
+    solver.solve(system, x, held, atol, check=sweep.enough)
+    assert sweep.changed == wrong
+    found, residual = sweep.take(), x.duplicate()
+    system.set_forces(x, residual)
+    residual.array_w[system.known_dofs(held)] = 0.0
+    if wrong:
+        assert solver.iterations == ITERATIONS and residual.norm() > atol
+        assert COMM.allreduce(int((found != held).sum())) > 0
+    else:
+        assert solver.iterations > ITERATIONS and residual.norm() <= atol
+        assert (found == held).all()
+    for item in (solver, measure, x, residual, problem):
         item.destroy()
 
 

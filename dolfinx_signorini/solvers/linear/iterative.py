@@ -177,7 +177,7 @@ class IterativeSolver(LinearSolver):
             Whether the set-up is new.
         """
         same = system.assembled == self._assembled
-        if self._held is not None:
+        if self._held is not None and (self.multigrid is None or self.multigrid.is_set_up):
             counts = np.array([(held != self._held).sum(), len(held)])
             changed, total = self.comm.allreduce(counts)
             # A method without iterations does not mend what a set-up lacks.

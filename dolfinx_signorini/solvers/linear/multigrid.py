@@ -10,6 +10,7 @@ where many nodes are left.
 Source: Kornhuber, Numer. Math. 69 (1994) 167-184, for the truncation.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -76,9 +77,10 @@ class Multigrid:
         self.coarsest = coarsest
         self.matrices: list[PETSc.Mat] = []
         self._levels: list[tuple[PETSc.KSP, ...]] = []
-        self._products: list[PETSc.Mat] = []  # without held dofs
-        self._number = 0  # how often the matrix of these had been assembled
-        self._off: Mask | None = None  # the held dofs of the matrices, on one rank
+        self._whole: list[PETSc.Mat] = []  # the products without held dofs
+        # How often the matrix of these, and that of the last set-up, had been assembled.
+        self._number = self._truncated = 0
+        self._off: Mask | None = None  # the held dofs of the last set-up
         self._filled: list[LocalIndices] = []  # rows of the matrices with a diagonal entry alone
         self._make()
 
@@ -127,23 +129,33 @@ class Multigrid:
         with options_set(*self._coarse_options):  # GAMG reads those of its levels now
             self.pc.setUp()
 
+    @property
+    def is_set_up(self) -> bool:
+        """Whether the cycle is that of the last set-up."""
+        return self._off is not None
+
     def products(self, A: PETSc.Mat, number: int) -> list[PETSc.Mat]:
         """Return the Galerkin products of a matrix without held dofs, the finest first.
+
+        The last set-up is lost where A has been assembled since the last call.
 
         Args:
             A: The matrix; the call is collective.
             number: How often A has been assembled.
         """
         if self._number != number:
-            self._multiply(A, self._products)
+            self._multiply(A)
             self._number, self._off = number, None
-        return self._products
+            if not self._whole:
+                self._whole = [product.duplicate() for product in self.matrices]
+            _copy(self.matrices, self._whole)
+        return self._whole
 
     def _coarsen(self, A: PETSc.Mat, matrix: PETSc.Mat, off: Mask, number: int) -> None:
         """Make the Galerkin products of a matrix without the rows and columns of held dofs.
 
-        On one rank the entries that change are enough: since the last products, or beside those
-        without held dofs, if fewer dofs are held than have changed.
+        On one rank the entries that change are enough, where there are products of A for other held
+        dofs, or for none: those from which fewer dofs have changed are renewed.
 
         Args:
             A: The matrix.
@@ -151,40 +163,37 @@ class Multigrid:
             off: Whether the owned dofs are held.
             number: How often A has been assembled.
         """
-        if A.comm.size > 1:
+        alone = A.comm.size == 1
+        last = self._off if alone and self._truncated == number else None
+        changed = math.inf if last is None else (off != last).sum()
+        self._off, self._truncated = off, number
+        if alone and self._number == number and off.sum() < changed:
+            _copy(self._whole, self.matrices)
+            last = np.zeros_like(off)
+        elif last is None:
             held, diagonal = np.flatnonzero(off).astype(np.int32), matrix.getDiagonal()
             _fill(matrix, held, 0.0)
-            self._multiply(matrix, self.matrices)
+            self._multiply(matrix)
             matrix.setDiagonal(diagonal)
             diagonal.destroy()
             return
-        products, before = self.products(A, number), self._off
-        if before is None or off.sum() < (off != before).sum():
-            before = np.zeros_like(off)
-            for level, product in enumerate(products):
-                if level == len(self.matrices):
-                    self.matrices.append(product.duplicate())
-                same = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
-                product.copy(self.matrices[level], structure=same)
         else:
-            for renewed, rows in zip(self.matrices, self._filled, strict=True):
-                _fill(renewed, rows, 0.0)
+            for product, rows in zip(self.matrices, self._filled, strict=True):
+                _fill(product, rows, 0.0)
         fine = Rows(A)
-        changes = fine.changes(before, off)
-        for prolongation, renewed in zip(self.prolongations, self.matrices, strict=True):
-            coarse = Rows(renewed)
+        changes = fine.changes(last, off)
+        for prolongation, product in zip(self.prolongations, self.matrices, strict=True):
+            coarse = Rows(product)
             changes = fine.renew(changes, Rows(prolongation), coarse)
             fine = coarse
-        self._off = off
 
-    def _multiply(self, fine: PETSc.Mat, results: list[PETSc.Mat]) -> None:
-        """Make the Galerkin products of a matrix, in those of earlier ones if there are any."""
+    def _multiply(self, fine: PETSc.Mat) -> None:
+        """Make the Galerkin products of a matrix, in those of an earlier one if there are any."""
+        made = list(self.matrices)  # PETSc multiplies into none but its own products
         for level, prolongation in enumerate(self.prolongations):
-            if level < len(results):
-                fine = fine.ptap(prolongation, result=results[level])
-            else:
-                fine = fine.ptap(prolongation)
-                results.append(fine)
+            fine = fine.ptap(prolongation, result=made[level] if made else None)
+            if not made:
+                self.matrices.append(fine)
 
     def extended(self, x: PETSc.Vec, known: Mask) -> None:
         """Extend the values of x at known dofs to all others, by the functions of coarser levels.
@@ -277,8 +286,9 @@ class Multigrid:
 
     def free(self) -> None:
         """Free what a set-up has made."""
-        destroy(self.pc, *self._products, *self.matrices)
-        self._levels, self._products, self.matrices, self._number = [], [], [], 0
+        destroy(self.pc, *self.matrices, *self._whole)
+        self._levels, self.matrices, self._whole, self._off = [], [], [], None
+        self._number = self._truncated = 0
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
@@ -392,6 +402,12 @@ def _scale_diagonal(matrix: PETSc.Mat, factor: float) -> None:
     diagonal.scale(factor)
     matrix.setDiagonal(diagonal)
     diagonal.destroy()
+
+
+def _copy(matrices: Sequence[PETSc.Mat], others: Sequence[PETSc.Mat]) -> None:
+    """Copy the entries of matrices into others of the same patterns."""
+    for matrix, other in zip(matrices, others, strict=True):
+        matrix.copy(other, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
 
 
 def _fill(matrix: PETSc.Mat, rows: LocalIndices, value: float) -> None:
