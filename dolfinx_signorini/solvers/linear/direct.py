@@ -91,7 +91,7 @@ class DirectSolver(LinearSolver):
             return True
         entry = float(system.contact_diagonal[:1].sum()) or 1.0  # of the size of the others
         self._ksp.getPC().setFactorPivot(NO_PIVOT * entry)  # in the unit of the form
-        self._ksp.setOperators(self._hold(system, system.contact_dofs[held], entry))
+        self._ksp.setOperators(self._hold(system.contact_dofs[held], entry))
         self._ksp.setUp()
         self._held, self._assembled = held.copy(), system.assembled
         self.setups += 1

@@ -217,7 +217,7 @@ class IterativeSolver(LinearSolver):
 
     def _make_preconditioner(self, system: System, held: Mask) -> None:
         if self.multigrid is None:
-            matrix = self._hold(system, system.contact_dofs[held], _typical(system))
+            matrix = self._hold(system.contact_dofs[held], _typical(system))
             if self._block > 1:  # constants are known without
                 attach_motions(matrix, motions_of(system.layout), system.known_dofs(held))
             if self._pc.getType() == PETSc.PC.Type.GAMG:
@@ -225,10 +225,8 @@ class IterativeSolver(LinearSolver):
             self._pc.setOperators(matrix)
             self._pc.setUp()
         else:
-            dofs = system.known_dofs(held)
-            typical, number = _typical(system), system.assembled
-            matrix = self._hold(system, dofs, typical)
-            self.multigrid.set_up(system.A, matrix, dofs, typical, number)
+            known, number = system.known_dofs(held), system.assembled
+            self.multigrid.set_up(system.A, known, _typical(system), number)
             self._projected.pc = self.multigrid.pc
         self._projected.hold(system, held)
         self._held, self._assembled = held.copy(), system.assembled

@@ -18,7 +18,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
-from dolfinx_signorini.base.petsc import destroy
+from dolfinx_signorini.base.petsc import destroy, without_nodes
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.solvers.linear.algebraic import LEAST_PIVOT
 from dolfinx_signorini.solvers.linear.hierarchy import SMALL, coarse_places, prolongations
@@ -44,7 +44,7 @@ class Multigrid:
         degrees, meshes = prolongations(space)
         options = amg_options(1, coarsest=True)
         multigrid = Multigrid([*degrees, *meshes], len(degrees), prefix, options)
-        multigrid.set_up(matrix, held, 4.0)
+        multigrid.set_up(A, held, 4.0, number=1)
         multigrid.pc.apply(r, y)
 
     Args:
@@ -76,6 +76,7 @@ class Multigrid:
         self.prefix, self._places = prefix, places
         self.coarsest = coarsest
         self.matrices: list[PETSc.Mat] = []
+        self._finest: PETSc.Mat | None = None  # the matrix of the last set-up
         self._levels: list[tuple[PETSc.KSP, ...]] = []
         self._whole: list[PETSc.Mat] = []  # the products without held dofs
         # How often the matrix of these, and that of the last set-up, had been assembled.
@@ -91,23 +92,21 @@ class Multigrid:
         counts = (self.degrees, "lower degrees"), (meshes, "coarser meshes")
         return "multigrid over " + " and ".join(f"{n} {what}" for n, what in counts if n)
 
-    def set_up(
-        self, A: PETSc.Mat, matrix: PETSc.Mat, held: LocalIndices, diagonal: float, number: int
-    ) -> None:
-        """Set the cycle up for a matrix.
+    def set_up(self, A: PETSc.Mat, held: LocalIndices, diagonal: float, number: int) -> None:
+        """Set the cycle up for a matrix with those of a diagonal as rows and columns of held dofs.
 
         Args:
             A: The matrix with the rows and columns of the held dofs.
-            matrix: The matrix, whose rows and columns of the held dofs are those of a diagonal.
             held: The owned dofs that are held.
-            diagonal: The diagonal entries of held dofs.
+            diagonal: Their diagonal entries, the same ones as long as A is not assembled again.
             number: How often A has been assembled.
         """
         if not self._levels:
             self._make()
         off = np.zeros(A.getLocalSize()[0], dtype=bool)
         off[held] = True
-        self._coarsen(A, matrix, off, number)
+        self._truncate(A, off, diagonal, number)
+        assert self._finest is not None
         dead, self._filled = off, []
         for prolongation, coarse in zip(self.prolongations, self.matrices, strict=True):
             # A coarse function at held dofs alone is zero.
@@ -121,11 +120,12 @@ class Multigrid:
             coarsest, places = self.matrices[-1], self._places[len(self.prolongations) - 1]
             size, comm = coarsest.getBlockSize(), coarsest.comm.tompi4py()
             attach_motions(coarsest, rigid_motions(comm, places, size), self._filled[-1])
-        for solvers, level_matrix in zip(self._levels, [matrix, *self.matrices], strict=True):
+        matrices = [self._finest, *self.matrices]
+        for solvers, matrix in zip(self._levels, matrices, strict=True):
             for solver in solvers:
-                solver.setOperators(level_matrix)
-            _raise_diagonal(level_matrix, [solver.getPC() for solver in solvers])
-        self.pc.setOperators(matrix)
+                solver.setOperators(matrix)
+            _raise_diagonal(matrix, [solver.getPC() for solver in solvers])
+        self.pc.setOperators(self._finest)
         with options_set(*self._coarse_options):  # GAMG reads those of its levels now
             self.pc.setUp()
 
@@ -151,37 +151,41 @@ class Multigrid:
             _copy(self.matrices, self._whole)
         return self._whole
 
-    def _coarsen(self, A: PETSc.Mat, matrix: PETSc.Mat, off: Mask, number: int) -> None:
-        """Make the Galerkin products of a matrix without the rows and columns of held dofs.
+    def _truncate(self, A: PETSc.Mat, off: Mask, diagonal: float, number: int) -> None:
+        """Make the matrix without the rows and columns of held dofs, and its Galerkin products.
 
         On one rank the entries that change are enough, where there are products of A for other held
         dofs, or for none: those from which fewer dofs have changed are renewed.
 
         Args:
             A: The matrix.
-            matrix: The matrix with a diagonal in place of these rows and columns.
             off: Whether the owned dofs are held.
+            diagonal: The diagonal entries of held dofs.
             number: How often A has been assembled.
         """
-        alone = A.comm.size == 1
+        alone, held = A.comm.size == 1, np.flatnonzero(off).astype(np.int32)
         last = self._off if alone and self._truncated == number else None
         changed = math.inf if last is None else (off != last).sum()
         self._off, self._truncated = off, number
-        if alone and self._number == number and off.sum() < changed:
+        whole = alone and self._number == number and len(held) < changed
+        if self._finest is None:
+            self._finest = without_nodes(A.copy())
+        elif whole or last is None:
+            _copy([A], [self._finest])
+        if not whole and last is None:
+            self._finest.zeroRowsColumns(held + A.getOwnershipRange()[0], diag=0.0)
+            self._multiply(self._finest)
+            _fill(self._finest, held, diagonal)
+            return
+        if whole:
             _copy(self._whole, self.matrices)
             last = np.zeros_like(off)
-        elif last is None:
-            held, diagonal = np.flatnonzero(off).astype(np.int32), matrix.getDiagonal()
-            _fill(matrix, held, 0.0)
-            self._multiply(matrix)
-            matrix.setDiagonal(diagonal)
-            diagonal.destroy()
-            return
         else:
             for product, rows in zip(self.matrices, self._filled, strict=True):
                 _fill(product, rows, 0.0)
+        assert last is not None
         fine = Rows(A)
-        changes = fine.changes(last, off)
+        changes = fine.changes(last, off, diagonal, Rows(self._finest))
         for prolongation, product in zip(self.prolongations, self.matrices, strict=True):
             coarse = Rows(product)
             changes = fine.renew(changes, Rows(prolongation), coarse)
@@ -286,8 +290,9 @@ class Multigrid:
 
     def free(self) -> None:
         """Free what a set-up has made."""
-        destroy(self.pc, *self.matrices, *self._whole)
-        self._levels, self.matrices, self._whole, self._off = [], [], [], None
+        destroy(self.pc, self._finest, *self.matrices, *self._whole)
+        self._levels, self.matrices, self._whole = [], [], []
+        self._finest = self._off = None
         self._number = self._truncated = 0
 
     def destroy(self) -> None:

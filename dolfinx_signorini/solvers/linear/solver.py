@@ -4,7 +4,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_signorini.base.arrays import LocalIndices, Mask
@@ -12,7 +11,6 @@ from dolfinx_signorini.base.petsc import destroy, without_nodes
 from dolfinx_signorini.base.tolerances import power_of_two
 from dolfinx_signorini.solvers.linear.hierarchy import LEAST
 from dolfinx_signorini.solvers.linear.multigrid import Multigrid
-from dolfinx_signorini.solvers.linear.rows import Rows
 from dolfinx_signorini.solvers.stop import Stop
 from dolfinx_signorini.solvers.system import System
 
@@ -62,10 +60,8 @@ class LinearSolver(ABC):
         self.solves = self.setups = self.iterations = 0
         self._prefix, self._options = prefix, dict(options or {})
         self._matrix: PETSc.Mat | None = None  # A with held dofs
-        self._off: Mask  # these dofs, on one rank
         self._held: Mask | None = None  # the held dofs of the set-up
         self._assembled = 0  # how often the matrix of the set-up had been assembled
-        self._copied = 0  # how often A had been assembled when its copy was made
         self._rhs, self._correction = system.A.createVecLeft(), system.A.createVecRight()
         self._ksp = PETSc.KSP().create(self.comm)
 
@@ -123,26 +119,12 @@ class LinearSolver(ABC):
         destroy(self._matrix, self._ksp, self._rhs, self._correction)
         self._matrix = None
 
-    def _hold(self, system: System, dofs: LocalIndices, diagonal: float) -> PETSc.Mat:
-        """Return the matrix whose rows and columns of some owned dofs are those of a diagonal.
-
-        Args:
-            system: The system.
-            dofs: The dofs.
-            diagonal: The diagonal entries, the same ones as long as the matrix is not assembled.
-        """
-        off = np.zeros(self.A.getLocalSize()[0], dtype=bool)
+    def _hold(self, dofs: LocalIndices, diagonal: float) -> PETSc.Mat:
+        """Return the matrix whose rows and columns of some owned dofs are those of a diagonal."""
         if self._matrix is None:
-            self._matrix, self._off = without_nodes(self.A.copy()), off.copy()
-        elif self.comm.size > 1 or self._copied != system.assembled:
+            self._matrix = without_nodes(self.A.copy())
+        else:
             self.A.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-            self._off = off.copy()
-        self._copied = system.assembled
-        if self.comm.size == 1:
-            off[dofs] = True
-            Rows(self.A).changes(self._off, off, diagonal, Rows(self._matrix))
-            self._off = off
-            return self._matrix
         self._matrix.zeroRowsColumns(dofs + self._matrix.getOwnershipRange()[0], diag=diagonal)
         self._matrix.assemble()  # else the inverse diagonals that PETSc's sweeps keep are old ones
         return self._matrix

@@ -283,7 +283,7 @@ def test_few_coarse_nodes_are_solved_for_exactly():
             item.destroy()
     matrix, b = problem.system.A.copy(), problem.system.b
     multigrid = Multigrid([first], 0, "exact_", AMG)
-    multigrid.set_up(matrix, matrix, np.empty(0, dtype=np.int32), 1.0, 1)
+    multigrid.set_up(matrix, np.empty(0, dtype=np.int32), 1.0, 1)
     x, rest, coarse, load = b.duplicate(), b.duplicate(), *(first.createVecRight() for _ in "ab")
     multigrid.nested(b, x)
     matrix.mult(x, rest)
@@ -320,8 +320,8 @@ def test_a_cycle_reduces_the_energy_of_every_error_however_ranks_share_the_cells
     assert multigrid is not None
     before, none = matrix.copy(), np.empty(0, dtype=np.int32)
     before.scale(0.1)
-    multigrid.set_up(before, before, none, 1.0, 1)
-    multigrid.set_up(matrix, matrix, none, 1.0, 2)  # nothing of the first matrix is left
+    multigrid.set_up(before, none, 1.0, 1)
+    multigrid.set_up(matrix, none, 1.0, 2)  # nothing of the first matrix is left
     error, image, correction = (matrix.createVecRight() for _ in range(3))
     error.array_w[:] = rng.standard_normal(error.getLocalSize())
     energies = []
