@@ -206,7 +206,8 @@ class Linear:
         self.forms, self.a = forms, fem.form(forms.a)
         A = fem_petsc.assemble_matrix(self.a, bcs=forms.bcs)
         A.assemble()
-        self.form, self.b, self.x = fem.form(forms.L), A.createVecLeft(), A.createVecRight()
+        self.form, self.x = fem.form(forms.L), A.createVecRight()
+        self.b = fem_petsc.create_vector(self.form)
         self.ksp = PETSc.KSP().create(forms.mesh.comm)
         self.ksp.setOptionsPrefix("linear_")
         space = forms.u.function_space

@@ -1,13 +1,14 @@
 """Linear solves with some contact dofs held at the obstacle.
 
 A preconditioner needs a matrix. The matrix with the rows and columns of the held dofs replaced by a
-diagonal is made when the preconditioner is set up. Another set of held dofs is served by the same
-preconditioner, see `projected`, if no more than a share of the contact dofs has changed. A set-up
-that costs more additional iterations than a new one is dropped.
+diagonal is made when the preconditioner is set up.
 
 The preconditioner is multigrid over the lower degrees and the coarser meshes that are known, see
 `hierarchy`, or algebraic multigrid alone, see `algebraic`. Coefficients that no coarse mesh
-resolves may slow the former down: a solver that sees this turns to the latter for good.
+resolves may slow the former down: a solver that sees this turns to the latter for good. The former
+is set up for each set of held dofs. A set-up of the latter, which costs more, serves another set,
+see `projected`, if no more than a share of the contact dofs has changed. A set-up that costs more
+additional iterations than a new one is dropped.
 """
 
 import math
@@ -96,7 +97,7 @@ class IterativeSolver(LinearSolver):
         self._checks = [] if check is None else [check]
         if stop is not None and self.multigrid is not None:
             self._checks.append(stop.enough)
-        if stop is not None and fresh and self.multigrid is not None:
+        if stop is not None and not stop.begun and self.multigrid is not None:
             self._begin_coarse(system, x, held, multiplier, stop)
             multiplier = None
         converged = self._correct(system, x, held, atol, fresh, multiplier)
@@ -115,7 +116,7 @@ class IterativeSolver(LinearSolver):
         unit = set_residual(system, x, held, multiplier, self._rhs)
         known = np.zeros(x.getLocalSize(), dtype=bool)
         known[system.known_dofs(held)] = True
-        if not stop.begun and anywhere(self.comm, x.array_r[known] != 0.0):
+        if anywhere(self.comm, x.array_r[known] != 0.0):
             other, rest = x.copy(), self._rhs.duplicate()
             self.multigrid.extended(other, known)
             other_unit = set_residual(system, other, held, None, rest)
@@ -170,9 +171,6 @@ class IterativeSolver(LinearSolver):
     def _prepare(self, system: System, held: Mask) -> bool:
         """Hold the dofs, and set the preconditioner up unless the last set-up will do.
 
-        Where the obstacle is in the domain, sets change at so many dofs that a set-up of geometric
-        multigrid costs less than local solves around them.
-
         Returns:
             Whether the set-up is new.
         """
@@ -182,7 +180,7 @@ class IterativeSolver(LinearSolver):
             changed, total = self.comm.allreduce(counts)
             # A method without iterations does not mend what a set-up lacks.
             mended = self._ksp.getType() != PETSc.KSP.Type.PREONLY
-            reuse = 0.0 if system.layout.in_domain and self.multigrid is not None else REUSE
+            reuse = 0.0 if self.multigrid is not None else REUSE
             if (changed == 0 and same) or (
                 changed <= reuse * total and mended and self._excess < self._setup_iterations
             ):
