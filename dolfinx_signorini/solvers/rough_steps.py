@@ -46,6 +46,8 @@ def swept(system: System, rows: Rows, kind: str, x: PETSc.Vec, multiplier: PETSc
 class Sweep:
     """A sweep over an iterate of a linear solve, which ends if the sweep changes the active set.
 
+    For example:
+
         sweep = Sweep(measure, x, held, "forward")
         solver.solve(system, x, held, atol, check=sweep.enough)
         held = sweep.take()
@@ -110,7 +112,7 @@ def rough_step(
     Args:
         system: The system.
         solver: The linear solver.
-        measure: Measures natural residuals, in the last place that of a vector near x.
+        measure: Measures natural residuals, and has measured that of x or of a vector near x.
         x: A feasible vector, overwritten.
         held: Its active set, after a sweep.
         kind: "forward" or "backward", other than the sweep before.
@@ -143,7 +145,7 @@ def rough_steps(
         measure: Holds the multiplier of x, overwritten.
         x: A feasible vector, overwritten.
         rtol: The residual of the linear system to reach, over the scale of natural residuals.
-        to_the_end: Whether the last solve goes on until then.
+        to_the_end: Whether the last linear solve goes on until this residual is reached.
 
     Returns:
         The active set, and whether the residual is reached for this set.
