@@ -41,9 +41,9 @@ SPREAD = 1.7  # times what cut cells add: the cells around have part in the erro
 
 
 def cut_errors(solved: Solved, data: Coefficients) -> Array:
-    """Return what the cells that are cut by jumps of the diffusion add to the error.
+    """Return what each owned cell adds to the error, if jumps of the diffusion cut the cell.
 
-    The parts of cells that are not cut are zero; see `terms.Term`.
+    The parts add up with the power of the target.
 
     Args:
         solved: The two solutions; the call is collective.
@@ -51,7 +51,7 @@ def cut_errors(solved: Solved, data: Coefficients) -> Array:
     """
     problem, target = solved.fine, solved.target
     comm, errors = problem.comm, np.zeros(len(solved.parents))
-    nothing = np.zeros((2, solved.count))
+    nothing = np.zeros(solved.count)
     if not interfaces(*data.entries):
         return nothing
     cuts = _Cuts(problem, data)
@@ -74,8 +74,7 @@ def cut_errors(solved: Solved, data: Coefficients) -> Array:
         pieces = p_norm(sizes.T, norm.p, cuts.weights.T)
         found = collected(pieces, cuts.owners, len(cuts.cells), norm.p)
     errors[cuts.cells] = found
-    parts = SPREAD * collected(errors, solved.parents, solved.count, target.power)
-    return np.array([parts, parts])
+    return SPREAD * collected(errors, solved.parents, solved.count, target.power)
 
 
 class _Cuts:

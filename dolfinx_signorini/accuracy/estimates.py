@@ -286,4 +286,4 @@ def data_errors(solved: Solved, data: Coefficients) -> Array:
         data: What is known of the coefficients of the finer problem.
     """
     parts = cut_errors(solved, data), kink_errors(solved, data)
-    return np.asarray(joined(*parts, solved.target.power)[1])
+    return np.asarray(joined(*parts, solved.target.power))

@@ -41,7 +41,8 @@ NEARER = 0.85  # of what interpolation leaves, at most: measured 0.25 to 0.85
 def kink_errors(solved: Solved, data: Coefficients) -> Array:
     """Return what jumps and kinks of load and reaction inside cells leave in a norm of the error.
 
-    The parts are zero for functionals and norms of the boundary; see `terms.Term`.
+    The parts of owned cells are zero for functionals and norms of the boundary, and add up with the
+    power of the target.
 
     Args:
         solved: The two solutions; the call is collective.
@@ -49,18 +50,18 @@ def kink_errors(solved: Solved, data: Coefficients) -> Array:
     """
     problem, norm = solved.fine, solved.target.norm
     if norm is None or norm.boundary:
-        return np.zeros((2, solved.count))
+        return np.zeros(solved.count)
     domain, errors = problem.space.mesh, np.zeros(len(solved.parents))
     formulas = [formula for formula in (data.load, data.reaction) if formula is not None]
     parts = interfaces(*formulas)
     if not parts:
-        return np.zeros((2, solved.count))
+        return np.zeros(solved.count)
     cells = broken_cells(formulas, domain).astype(np.int32)
     if len(cells):
         kinks = _Kinks(problem, cells, data, norm)
         # Parts of formulas may be zero at the same place: each tells the whole kink there.
         errors[cells] = np.max([kinks.left(interface) for interface in parts], axis=0)
-    return solved.in_norm(errors)
+    return solved.in_norm(errors)[1]
 
 
 class _Kinks:

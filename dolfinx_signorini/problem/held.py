@@ -42,7 +42,7 @@ from dolfinx_signorini.solvers.loose import Loose
 from dolfinx_signorini.solvers.motions import motions_of, owned_places
 from dolfinx_signorini.solvers.system import Layout, System
 
-LITTLE = 1e-3  # of its size: a load that presses by less is one that does not press
+PRESSING = 1e-3  # of its size: a load that presses by less is one that does not press
 MOST_ROUNDS = 100  # of linear programs, each with the rows that the last one violates
 
 
@@ -256,7 +256,7 @@ def _unpressed(comm: MPI.Comm, rows: Array, work: Array) -> tuple[Array | None, 
         for sign in (1.0, -1.0):
             goal = sign * np.eye(len(work))[j]
             motion = _extreme(comm, rows, goal, work)
-            if goal @ motion > LITTLE:
+            if goal @ motion > PRESSING:
                 return motion, (
                     "takes the body away from the obstacle, and the load does no work on it: the "
                     "solution is not unique; the load must press against the obstacle"
