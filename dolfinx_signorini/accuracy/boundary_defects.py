@@ -70,8 +70,8 @@ class Distances:
 
     Attributes:
         pairs: The facets, as (cell, local facet) pairs.
-        off: The distances at the points of `facet_lattice`, shape (facets, points). On facets that
-            are not in contact only what an obstacle has beyond the solution.
+        off: The distances at the points of `_lattice`, shape (facets, points). On facets that are
+            not in contact only what an obstacle has beyond the solution.
         held: Whether a facet is held at its data, by contact or by a condition.
         along: Returns what of a function of the space has these data: for each node the function
             itself, or of vectors a component.
@@ -94,11 +94,13 @@ def data_defects(solved: Solved, dual: Dual | None) -> Array:
         return np.zeros((2, solved.count))
     values: Array = np.zeros(len(solved.parents))
     slopes: Array = np.zeros(len(solved.parents))
+    _, weights = _lattice(problem.space)
     for distances in distances_from_data(problem):
-        values = joined(values, _defects(problem, distances.pairs, distances.off, norm), norm.p)
+        found = _defects(problem, distances.pairs, distances.off, weights, norm)
+        values = joined(values, found, norm.p)
         if norm.derivatives:
-            steep = _slopes(problem, distances)
-            slopes = joined(slopes, _defects(problem, distances.pairs, steep, norm), norm.p)
+            found = _defects(problem, distances.pairs, *_slopes(problem, distances), norm)
+            slopes = joined(slopes, found, norm.p)
     parts = slopes if norm.derivatives == 1 else values
     if norm.derivatives == 0.5:
         both = joined(values, slopes, norm.p)
@@ -126,10 +128,10 @@ def data_between_nodes(solved: Solved, dual: Dual | None) -> Array:
     result = np.zeros((2, len(owned_cells(space.mesh))))
     lifted = lifting_forces(problem, dual.z)
     forces = dual.forces if solved.target.norm is None else dual.action
-    gap = problem.gap.x.array
+    gap, (_, weights) = problem.gap.x.array, _lattice(problem.space)
     for distances in distances_from_data(problem):
         pairs, off, along = distances.pairs, distances.off, distances.along
-        fixed = -shared_by_facets(space, pairs, along(forces)) * off.mean(axis=1)
+        fixed = -shared_by_facets(space, pairs, along(forces)) * (off @ weights)
         dofs = facet_dofs(space, pairs)
         lift = along(lifted)[dofs].mean(axis=1) * (off.max(axis=1) + off.min(axis=1))  # one is 0
         touching = np.abs(gap[dofs]).max(axis=1) <= SOLVED * np.abs(off).max(axis=1)
@@ -223,7 +225,7 @@ def _from_obstacles(problem: BoundConstrainedProblem) -> Iterator[Distances]:
         if zone.in_domain:
             continue
         entities, _, touching = contact_on_entities(zone, side)
-        points = Points(problem.space.mesh, entities, facet_lattice(problem.space))
+        points = Points(problem.space.mesh, entities, _lattice(problem.space)[0])
         bound, d = (
             [datum(points.domain, part)(points) for part in data]
             for data in ([obstacle.data], problem.direction)
@@ -255,7 +257,7 @@ def _varying_obstacles(
 
 
 def _from_conditions(problem: BoundConstrainedProblem) -> Iterator[Distances]:
-    domain, lattice = problem.space.mesh, facet_lattice(problem.space)
+    domain, (lattice, _) = problem.space.mesh, _lattice(problem.space)
     boundary = boundary_facets(domain)
     for known in map(data_of_condition, problem.bcs):
         if known is None or isinstance(known.value, int | float | np.number):
@@ -301,26 +303,52 @@ def _off_in_cells(problem: Contact, obstacle: Obstacle, touching: Mask) -> fem.F
     return off
 
 
+def _lattice(space: fem.FunctionSpace) -> tuple[Array, Array]:
+    """Points of the reference facet, in order, and the weights of the mean of values there.
+
+    Distances from data vanish at the nodes of the element. In the plane the points are those of
+    Chebyshev between two nodes, so that a kink of data close to a node is between points, too, and
+    as close to one another in the middle as those of `facet_lattice`.
+    """
+    lattice = facet_lattice(space)
+    if lattice.shape[1] > 1:
+        return lattice, np.full(len(lattice), 1.0 / len(lattice))
+    parts = space.element.basix_element.degree
+    count = math.ceil(0.5 * math.pi * len(lattice) / parts)
+    near = 0.5 - 0.5 * np.cos(np.linspace(0.0, math.pi, count + 1))
+    x = np.concatenate([(k + near[: None if k + 1 == parts else -1]) / parts for k in range(parts)])
+    half = 0.5 * np.diff(x)
+    return x[:, None], np.append(half, 0.0) + np.append(0.0, half)
+
+
 def _defects(
-    problem: BoundConstrainedProblem, pairs: LocalIndices, values: Array, norm: Norm
+    problem: BoundConstrainedProblem, pairs: LocalIndices, values: Array, weights: Array, norm: Norm
 ) -> Array:
     """The L^p norms of values at points of facets on each cell: on the facets, or near them."""
     domain, dim = problem.space.mesh, problem.space.mesh.topology.dim
     scale = facet_scale(domain, pairs)
     volume = scale if norm.boundary else 0.5 * scale ** (dim / (dim - 1.0))
-    parts = p_norm(values, norm.p, volume[:, None] / values.shape[1])
+    parts = p_norm(values, norm.p, volume[:, None] * weights)
     return np.asarray(collected(parts, pairs[:, 0], len(owned_cells(domain)), norm.p))
 
 
-def _slopes(problem: BoundConstrainedProblem, distances: Distances) -> Array:
-    """The sizes of the derivatives of distances along facets, between neighbours of the lattice."""
-    lattice, off = facet_lattice(problem.space), distances.off
-    spacing = np.unique(lattice)[1]  # the least coordinate is 0
-    steps = np.rint(lattice / spacing).astype(int)
-    places = {tuple(step): k for k, step in enumerate(steps)}
-    axes = np.eye(steps.shape[1], dtype=int)
-    first = [k for k, step in enumerate(steps) if tuple(step + axes[0]) in places]
-    after = [[places[tuple(steps[k] + axis)] for k in first] for axis in axes]
-    along = np.stack([off[:, ends] - off[:, first] for ends in after], axis=1) / spacing
+def _slopes(problem: BoundConstrainedProblem, distances: Distances) -> tuple[Array, Array]:
+    """The sizes of the derivatives of distances along facets, between neighbours of the lattice.
+
+    The weights of their mean come second.
+    """
+    (lattice, _), off = _lattice(problem.space), distances.off
     tangents = Points(problem.space.mesh, distances.pairs, lattice).tangents[:, 0]
-    return length(np.einsum("fai,fan->ifn", inverses(tangents), along))
+    if lattice.shape[1] == 1:
+        widths = np.diff(lattice[:, 0])
+        along, weights = np.diff(off, axis=1)[:, None] / widths, widths
+    else:
+        spacing = np.unique(lattice)[1]  # the least coordinate is 0
+        steps = np.rint(lattice / spacing).astype(int)
+        places = {tuple(step): k for k, step in enumerate(steps)}
+        axes = np.eye(steps.shape[1], dtype=int)
+        first = [k for k, step in enumerate(steps) if tuple(step + axes[0]) in places]
+        after = [[places[tuple(steps[k] + axis)] for k in first] for axis in axes]
+        along = np.stack([off[:, ends] - off[:, first] for ends in after], axis=1) / spacing
+        weights = np.full(len(first), 1.0 / len(first))
+    return length(np.einsum("fai,fan->ifn", inverses(tangents), along)), weights

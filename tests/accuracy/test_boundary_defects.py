@@ -16,7 +16,7 @@ from dolfinx_signorini import (
     friedrichs_keller,
     solve_adaptively,
 )
-from dolfinx_signorini.accuracy.boundary_defects import forces_over_gaps
+from dolfinx_signorini.accuracy.boundary_defects import data_defects, forces_over_gaps
 from dolfinx_signorini.accuracy.estimates import Estimator
 from dolfinx_signorini.accuracy.problem_data import integrate_piecewise
 from dolfinx_signorini.accuracy.targets import size, target
@@ -88,6 +88,35 @@ def test_waves_of_the_obstacle_between_the_nodes(dim, name, degree, comm):
     assert estimator.found.difference <= 1e-5 * error <= error <= estimator.estimate <= 4.0 * error
     for problem in (coarse, fine):
         problem.destroy()
+
+
+@pytest.mark.parametrize("name", ["L2_boundary", "H1_2_boundary"])
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("share", [0.004, 0.01, 0.2, 0.5, 0.51, 0.993])
+def test_a_kink_of_dirichlet_data_counts_wherever_it_is_on_a_facet(share, degree, name, comm):
+    """The error is the distance of the data from their polynomial through the nodes."""
+    domain, n = friedrichs_keller(comm, 6), 6
+    space, place = fem.functionspace(domain, ("Lagrange", degree)), (2.0 + share) / n
+    u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
+    bottom = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 0.0))
+    top = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 1.0))
+    problem = SignoriniProblem(
+        ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
+        fem.Constant(domain, 0.0) * v * ufl.dx,
+        contact=top,
+        obstacle=-10.0,
+        bcs=[dirichlet(space, bottom, abs(x[0] - place))],
+    )
+    problem.solve()
+    wanted = target(name)
+    found = total(data_defects(alone(problem, wanted), None)[1], wanted.power, comm)
+    t, nodes = np.linspace(0.0, 1.0, 100_001), np.linspace(0.0, 1.0, degree + 1)
+    through = np.polyfit(nodes, np.abs(nodes - share), degree)
+    off = (np.abs(t - share) - np.polyval(through, t)) / n
+    values, slopes = np.sqrt(np.mean(off**2) / n), np.sqrt(np.sum(np.diff(off) ** 2) / 1e-5 * n)
+    exact = values if name == "L2_boundary" else np.sqrt(values * np.hypot(values, slopes))
+    assert 0.85 * exact <= found <= 1.15 * exact
+    problem.destroy()
 
 
 def on_a_pin(sided, place, height):
