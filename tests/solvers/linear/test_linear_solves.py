@@ -111,7 +111,7 @@ def test_a_direct_method_is_set_up_for_the_present_matrix_and_set(change):
         item.destroy()
 
 
-@pytest.mark.parametrize("options", [{}, {"pc_type": "hypre"}])
+@pytest.mark.parametrize("options", [{}, {"pc_type": "gamg"}])
 def test_a_set_that_differs_a_little_costs_hardly_an_iteration_more(options):
     """Geometric multigrid is set up again, and algebraic multigrid serves both sets."""
     problem, _, _ = make(60)
