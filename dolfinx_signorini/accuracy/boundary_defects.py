@@ -338,17 +338,13 @@ def _slopes(problem: BoundConstrainedProblem, distances: Distances) -> tuple[Arr
     The weights of their mean come second.
     """
     (lattice, _), off = _lattice(problem.space), distances.off
+    steps = np.stack([np.unique(x, return_inverse=True)[1] for x in lattice.T], axis=1)
+    places = {tuple(step): k for k, step in enumerate(steps)}
+    axes = np.eye(steps.shape[1], dtype=int)
+    first = [k for k, step in enumerate(steps) if tuple(step + axes[0]) in places]
+    after = [[places[tuple(steps[k] + axis)] for k in first] for axis in axes]
+    widths = np.array([lattice[ends, k] - lattice[first, k] for k, ends in enumerate(after)])
+    along = np.stack([off[:, ends] - off[:, first] for ends in after], axis=1) / widths
     tangents = Points(problem.space.mesh, distances.pairs, lattice).tangents[:, 0]
-    if lattice.shape[1] == 1:
-        widths = np.diff(lattice[:, 0])
-        along, weights = np.diff(off, axis=1)[:, None] / widths, widths
-    else:
-        spacing = np.unique(lattice)[1]  # the least coordinate is 0
-        steps = np.rint(lattice / spacing).astype(int)
-        places = {tuple(step): k for k, step in enumerate(steps)}
-        axes = np.eye(steps.shape[1], dtype=int)
-        first = [k for k, step in enumerate(steps) if tuple(step + axes[0]) in places]
-        after = [[places[tuple(steps[k] + axis)] for k in first] for axis in axes]
-        along = np.stack([off[:, ends] - off[:, first] for ends in after], axis=1) / spacing
-        weights = np.full(len(first), 1.0 / len(first))
-    return length(np.einsum("fai,fan->ifn", inverses(tangents), along)), weights
+    sizes = length(np.einsum("fai,fan->ifn", inverses(tangents), along))
+    return sizes, widths[0] / widths[0].sum()

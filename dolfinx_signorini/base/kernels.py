@@ -124,11 +124,11 @@ int64_t changed({MATRIX}, const uint8_t *before, const uint8_t *now, int64_t cou
       const {INT} i = dofs[c], j = columns[p];
       const int was = !before[i] && !before[j], is = !now[i] && !now[j];
       {INT} q = starts[j];
-      if (result) result[p] = is ? entries[p] : (i == j ? diagonal : 0.0);
+      result[p] = is ? entries[p] : (i == j ? diagonal : 0.0);
       if (was != is) found = noted(p, i, (is - was) * entries[p], found, slots, places, owners, by);
       if (before[j] != now[j]) continue;
       while (columns[q] != i) ++q;
-      if (result) result[q] = is ? entries[q] : 0.0;
+      result[q] = is ? entries[q] : 0.0;
       if (was != is) found = noted(q, j, (is - was) * entries[q], found, slots, places, owners, by);
     }}
   return found;

@@ -16,7 +16,6 @@ from dolfinx_signorini.solvers.coarse_space import coarse_start, out_of_reach
 from dolfinx_signorini.solvers.full_multigrid import full_multigrid
 from dolfinx_signorini.solvers.history import Guess, History
 from dolfinx_signorini.solvers.linear.direct import linear_solver
-from dolfinx_signorini.solvers.linear.rows import Rows
 from dolfinx_signorini.solvers.patch import active_in_patch
 from dolfinx_signorini.solvers.prediction import predict, settled
 from dolfinx_signorini.solvers.pressure import ContactState
@@ -150,7 +149,7 @@ class ActiveSetSolver:
             if not rough or before <= measure.rtol:
                 return held, False
             if before <= CLOSE and not system.singular:
-                held = swept(system, Rows(system.A), "forward", x, measure.multiplier)
+                held = swept(system, "forward", x, measure.multiplier)
                 step = system, self.linear, measure, x, held, "backward"
                 held, _ = rough_step(*step, measure.rtol, last=True)
                 system.project(x)

@@ -26,19 +26,18 @@ ITERATIONS = 2
 LONGEST = 30  # steps
 
 
-def swept(system: System, rows: Rows, kind: str, x: PETSc.Vec, multiplier: PETSc.Vec) -> Mask:
+def swept(system: System, kind: str, x: PETSc.Vec, multiplier: PETSc.Vec) -> Mask:
     """Improve a feasible x by a projected sweep, and return which constraints hold x then.
 
     Args:
         system: The system.
-        rows: The rows of its matrix.
         kind: "forward" or "backward".
         x: The vector.
         multiplier: A x - b for this x, overwritten.
     """
     multiplier.scale(-1.0)
     step = multiplier.duplicate()
-    rows.sweep(kind, multiplier, *system.bounds_with_data, x.array_w, step)
+    Rows(system.A).sweep(kind, multiplier, *system.bounds_with_data, x.array_w, step)
     step.destroy()
     return system.touching_once(x)
 
@@ -81,8 +80,7 @@ class Sweep:
         system.project(self._iterate)
         system.set_forces(self._iterate, measure.multiplier)
         measure.with_multiplier(self._iterate)
-        rows = Rows(system.A)
-        self._swept = swept(system, rows, self._kind, self._iterate, measure.multiplier)
+        self._swept = swept(system, self._kind, self._iterate, measure.multiplier)
         self.changed = anywhere(system.comm, self._swept != self._held)
         return self.changed or self._last
 
@@ -150,7 +148,7 @@ def rough_steps(
     Returns:
         The active set, and whether the residual is reached for this set.
     """
-    held = swept(system, Rows(system.A), "forward", x, measure.multiplier)
+    held = swept(system, "forward", x, measure.multiplier)
     for kind in itertools.islice(itertools.cycle(("backward", "forward")), LONGEST):
         step = system, solver, measure, x, held, kind, rtol, not to_the_end
         held, changed = rough_step(*step)

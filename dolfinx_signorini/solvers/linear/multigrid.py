@@ -103,11 +103,9 @@ class Multigrid:
         """
         if not self._levels:
             self._make()
-        off = np.zeros(A.getLocalSize()[0], dtype=bool)
-        off[held] = True
-        self._truncate(A, off, diagonal, number)
-        assert self._finest is not None
-        dead, self._filled = off, []
+        self._truncate(A, held, diagonal, number)
+        assert self._finest is not None and self._off is not None
+        dead, self._filled = self._off, []
         for prolongation, coarse in zip(self.prolongations, self.matrices, strict=True):
             # A coarse function at held dofs alone is zero.
             dead = Rows(prolongation).largest(np.where(dead, 0.0, 1.0)) <= 0.0
@@ -151,7 +149,7 @@ class Multigrid:
             _copy(self.matrices, self._whole)
         return self._whole
 
-    def _truncate(self, A: PETSc.Mat, off: Mask, diagonal: float, number: int) -> None:
+    def _truncate(self, A: PETSc.Mat, held: LocalIndices, diagonal: float, number: int) -> None:
         """Make the matrix without the rows and columns of held dofs, and its Galerkin products.
 
         On one rank the entries that change are enough, where there are products of A for other held
@@ -159,11 +157,12 @@ class Multigrid:
 
         Args:
             A: The matrix.
-            off: Whether the owned dofs are held.
+            held: The owned dofs that are held.
             diagonal: The diagonal entries of held dofs.
             number: How often A has been assembled.
         """
-        alone, held = A.comm.size == 1, np.flatnonzero(off).astype(np.int32)
+        alone, off = A.comm.size == 1, np.zeros(A.getLocalSize()[0], dtype=bool)
+        off[held] = True
         last = self._off if alone and self._truncated == number else None
         changed = math.inf if last is None else (off != last).sum()
         self._off, self._truncated = off, number

@@ -110,25 +110,22 @@ class Rows:
             run("sizes", *self._other, sums)
         return sums
 
-    def changes(
-        self, before: Mask, now: Mask, diagonal: float = 0.0, result: "Rows | None" = None
-    ) -> Changes:
-        """Return the changes of this matrix without the rows and columns of held dofs.
-
-        The diagonal entries of held dofs are 0 there.
+    def changes(self, before: Mask, now: Mask, diagonal: float, result: "Rows") -> Changes:
+        """Make the changes of this matrix without the rows and columns of held dofs.
 
         Args:
             before: Which dofs were held.
             now: Which dofs are held.
             diagonal: The diagonal entries of held dofs in the result.
             result: The matrix with these entries, on one rank, which is changed in place.
+
+        Returns:
+            The changes of the matrix whose diagonal entries of held dofs are 0.
         """
         dofs = np.flatnonzero(before != now).astype(np.int32)
-        entries = self._ffi.NULL if result is None else result._local[-1]
-        given = *self._local, before, now, len(dofs), dofs, diagonal, entries
+        given = *self._local, before, now, len(dofs), dofs, diagonal, result._local[-1]
         found = self._noted("changed", *given)
-        if result is not None:
-            result.matrix.assemble()
+        result.matrix.assemble()
         return found
 
     def renew(self, changes: Changes, prolongation: "Rows", product: "Rows") -> Changes:
