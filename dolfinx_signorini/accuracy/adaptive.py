@@ -12,7 +12,6 @@ from dolfinx_signorini.accuracy.problem_data import (
     STIFFNESS,
     coefficients_of,
     data_of,
-    integrate_piecewise,
     unknown_between_nodes,
 )
 from dolfinx_signorini.accuracy.steps import MAX_UNKNOWNS, Pose, Request, Step
@@ -34,6 +33,7 @@ from dolfinx_signorini.base.kinds import (
 from dolfinx_signorini.base.logs import log
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.interfaces.following import follow
+from dolfinx_signorini.data.interfaces.piecewise_forms import data_in_pieces
 from dolfinx_signorini.data.sampling import Datum
 from dolfinx_signorini.meshes.curved_sides import CurvedSides, Projection, arcs
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh
@@ -206,7 +206,7 @@ def solve_adaptively(
         log.warning("%s", note)
     reading: dict[str, Any] = {}
     if known is not None:
-        poses = {degree: _piecewise(pose) for degree, pose in poses.items()}
+        poses = {degree: _in_pieces(pose) for degree, pose in poses.items()}
         reading = {"read": coefficients_of, "fit": lambda level: follow(level, known.entries)}
     return adapt(poses, first, request, on_step, began, curves, **reading)
 
@@ -253,16 +253,14 @@ def adapt(
     )
 
 
-def _piecewise(pose: Pose) -> Pose:
+def _in_pieces(pose: Pose) -> Pose:
     """Return what poses a problem whose data are integrated piece by piece where they jump."""
 
-    def with_pieces(level: SidedMesh) -> BoundConstrainedProblem:
-        problem = pose(level)
-        if isinstance(problem, BoundConstrainedProblem):
-            integrate_piecewise(problem)
-        return problem
+    def posed_in_pieces(level: SidedMesh) -> BoundConstrainedProblem:
+        with data_in_pieces():
+            return pose(level)
 
-    return with_pieces
+    return posed_in_pieces
 
 
 def _first_mesh(

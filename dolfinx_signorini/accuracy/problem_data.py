@@ -1,4 +1,4 @@
-"""The data of a problem, as the adaptive loop reads and integrates them."""
+"""The data of a problem, as the adaptive loop reads them."""
 
 from functools import partial
 
@@ -8,7 +8,6 @@ from dolfinx import fem
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.form_data import NAMES, form_data, is_everywhere, on_boundary, on_cells
-from dolfinx_signorini.data.interfaces.piecewise_forms import piecewise
 from dolfinx_signorini.data.reading import formula_of
 from dolfinx_signorini.data.readings import Reading
 from dolfinx_signorini.data.sampling import Datum
@@ -77,15 +76,3 @@ def coefficients_of(problem: BoundConstrainedProblem) -> Coefficients:
     load, a = found
     rows = tuple(tuple(a([s, t]) for t in slopes) for s in slopes)
     return Coefficients(load([0]), a([0, 0]), rows)
-
-
-def integrate_piecewise(problem: BoundConstrainedProblem) -> None:
-    """Let a problem have its data integrated piece by piece where they jump inside of cells.
-
-    Args:
-        problem: The problem; the call is collective.
-    """
-    domain = problem.space.mesh
-    a, L = piecewise(problem.a, domain), piecewise(problem.L, domain)
-    if a is not None or L is not None:
-        problem.integrate(a, L)

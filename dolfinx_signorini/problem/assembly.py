@@ -23,7 +23,7 @@ from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.base.sums_of_squares import is_sum_of_squares
 from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.base.tolerances import FAR
-from dolfinx_signorini.data.interfaces.piecewise_forms import by_data
+from dolfinx_signorini.data.interfaces.piecewise_forms import are_in_pieces, by_data
 from dolfinx_signorini.problem import checks, held
 from dolfinx_signorini.problem.constraint import Constraint
 from dolfinx_signorini.problem.directions import Directions, scalar_space
@@ -59,8 +59,8 @@ class Assembly:
         phases: The seconds of the phases so far.
         directions: The directions of the obstacle, where the unknowns are vectors; else None.
         total_load: L(1), the sum of the load on all basis functions.
-        assembled: The forms a and L that are assembled: with rules in place of those that follow
-            the data, and those that `integrated` has put in their places.
+        assembled: The forms a and L that are assembled, see `by_data`: with rules in place of
+            those that follow the data, and with pieces where a problem is posed so.
     """
 
     total_load: float
@@ -77,7 +77,7 @@ class Assembly:
     ):
         space = a.arguments()[0].ufl_function_space()
         self.bcs, self.comm, self._forms = list(bcs), space.mesh.comm, (a, L)
-        self.phases = Phases(self.comm)
+        self.phases, self._pieces = Phases(self.comm), are_in_pieces()
         with self.phases("forms"):
             zones = constraint.zones
             dim, entities = zones[0].dim, zones[0].entities
@@ -115,7 +115,7 @@ class Assembly:
 
     def _take(self, a: ufl.Form, L: ufl.Form) -> None:
         """Take forms, both or none of them."""
-        a, L = by_data(a), by_data(L)
+        a, L = by_data(a, self._pieces), by_data(L, self._pieces)
         made = (
             compiled.form(a, "form a", **self._options),
             compiled.form(L, "load", **self._options),
@@ -164,21 +164,6 @@ class Assembly:
         old.b.destroy()
         self._due = False, False
         return made
-
-    def integrated(self, old: System, a: ufl.Form | None, L: ufl.Form | None) -> System:
-        """Return the system of forms that are integrated otherwise; the old one is used up.
-
-        Args:
-            old: The system so far.
-            a, L: The forms, see `SignoriniProblem.integrate`.
-        """
-        changed = self._changed()
-        # Forms that were taken for other data give way to the problem's own.
-        known = self._forms if any(changed) else self.assembled
-        self._due = self._due[0] or any(changed) or a is not None, True
-        with self.phases("forms"):
-            self._take(a or known[0], L or known[1])
-        return self.renewed(old)
 
     def has_changed(self) -> bool:
         """Return whether data are others than those of the last system; collective."""

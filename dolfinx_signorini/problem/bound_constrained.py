@@ -580,25 +580,6 @@ class BoundConstrainedProblem(OnContact):
         self._free_solution()
         self._system = self._assembly.renewed(system, matrix)
 
-    def integrate(self, a: ufl.Form | None = None, L: ufl.Form | None = None) -> None:
-        """Assemble forms in place of `a` and `L` that differ in how they are integrated alone.
-
-        As soon as data of `a` or `L` change, these forms themselves are assembled again.
-
-        Args:
-            a, L: The forms; None for those so far.
-
-        Raises:
-            InputError: The forms make no sense.
-        """
-        system = self.system
-        forms = self.a if a is None else a, self.L if L is None else L
-        if checked_space(*forms, self.vector_valued) != self.space:
-            raise InputError("lives on another space than the problem", "form a")
-        self._free_solver()
-        self._free_solution()
-        self._system = self._assembly.integrated(system, a, L)
-
     def destroy(self) -> None:
         """Free the PETSc objects; `u` and `result` stay."""
         self._free_solver()

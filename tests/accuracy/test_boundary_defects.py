@@ -18,9 +18,9 @@ from dolfinx_signorini import (
 )
 from dolfinx_signorini.accuracy.boundary_defects import data_defects, forces_over_gaps
 from dolfinx_signorini.accuracy.estimates import Estimator
-from dolfinx_signorini.accuracy.problem_data import integrate_piecewise
 from dolfinx_signorini.accuracy.targets import size, target
 from dolfinx_signorini.accuracy.terms import Solution, Solved
+from dolfinx_signorini.data.interfaces.piecewise_forms import data_in_pieces
 from dolfinx_signorini.meshes.refinement import Transfer, refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets, facet_cells
 from dolfinx_signorini.norms.power_sums import total
@@ -224,8 +224,8 @@ WINDOW = Known("", lambda x, y: x * (1.0 - x) + y**2, lambda x, y: (1.0 - 2.0 * 
 def test_forces_over_gaps_are_the_error_where_nothing_else_is(comm, norm, place):
     """The solution is of degree 2: what is wrong is which coefficients are in contact."""
     domain = mesh.create_unit_square(comm, 20, 20)
-    problem = pressed_window(SidedMesh(domain, {}), 2, place, 0.11)
-    integrate_piecewise(problem)  # the load jumps in facets
+    with data_in_pieces():  # the load jumps in facets
+        problem = pressed_window(SidedMesh(domain, {}), 2, place, 0.11)
     problem.solve(rtol=1e-10)
     wanted = target(norm)
     parts = forces_over_gaps(alone(problem, wanted), None)[1]

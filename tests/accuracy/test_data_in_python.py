@@ -9,8 +9,8 @@ from mpi4py import MPI
 
 from dolfinx_signorini import SignoriniProblem, solve_adaptively
 from dolfinx_signorini.accuracy.first_mesh import resolved_mesh
-from dolfinx_signorini.accuracy.problem_data import data_of, integrate_piecewise
-from dolfinx_signorini.data.interfaces.piecewise_forms import piecewise
+from dolfinx_signorini.accuracy.problem_data import data_of
+from dolfinx_signorini.data.interfaces.piecewise_forms import by_data, data_in_pieces
 from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells, simplex_sizes
 from dolfinx_signorini.problem.dirichlet import dirichlet
 from dolfinx_signorini.scenes.domains.kinds import Cube, Square
@@ -233,18 +233,19 @@ def test_integrals_of_data_that_jump(comm, degree):
     def inside(x):
         return (x[0] - place[0]) ** 2 + (x[1] - place[1]) ** 2 < radius**2
 
-    problem = posing(
+    pose = posing(
         lambda x: ufl.conditional(inside(x), 3.0, 0.0) + x[0],
         degree,
         reaction=lambda x: ufl.conditional(x[0] + x[1] < 0.77, 5.0, 0.0),
         flux=lambda x: ufl.sign(x[1] - 0.3713),
-    )(sided)
-    integrate_piecewise(problem)
+    )
+    with data_in_pieces():
+        problem = pose(sided)
     total = 3.0 * np.pi * radius**2 + 0.5 + 2.0 * (1.0 - 2.0 * 0.3713)
     assert problem.total_load == pytest.approx(total, rel=1e-4)
     one = fem.Function(problem.space)
     one.x.array[:] = 1.0
-    form = fem.form(ufl.action(ufl.action(piecewise(problem.a, sided.mesh), one), one))
+    form = fem.form(ufl.action(ufl.action(by_data(problem.a, pieces=True), one), one))
     reaction = comm.allreduce(fem.assemble_scalar(form))
     assert reaction == pytest.approx(5.0 * 0.77**2 / 2.0, rel=1e-4)
     problem.destroy()
@@ -253,22 +254,12 @@ def test_integrals_of_data_that_jump(comm, degree):
 def test_forms_without_jumps_are_left_alone(comm):
     sided = Square(3).make(comm)
     problem = posing(lambda x: ufl.exp(x[0]), reaction=lambda x: 1 + x[1] ** 2)(sided)
-    assert piecewise(problem.a, sided.mesh) is None
-    assert piecewise(problem.L, sided.mesh) is None
+    assert by_data(problem.a, pieces=True) is problem.a
+    assert by_data(problem.L, pieces=True) is problem.L
     fitted = posing(lambda x: ufl.conditional(3 * x[0] < 1, 1.0, 2.0))(sided)  # along facets
-    assert piecewise(fitted.L, sided.mesh) is None
+    assert by_data(fitted.L, pieces=True) is fitted.L
     for made in (problem, fitted):
         made.destroy()
-
-
-def test_a_load_that_jumps_leaves_the_matrix(comm):
-    problem = posing(lambda x: ufl.conditional(x[0] + x[1] < 0.77, 3.0, 0.0))(Square(4).make(comm))
-    matrix = problem.A
-    integrate_piecewise(problem)
-    assert problem.A is matrix
-    assert problem.system.assembled == 1
-    assert problem.total_load == pytest.approx(3.0 * 0.77**2 / 2.0, rel=1e-6)
-    problem.destroy()
 
 
 def test_data_that_change_after_the_loop_are_noticed(comm):
@@ -278,15 +269,14 @@ def test_data_that_change_after_the_loop_are_noticed(comm):
         factor.append(fem.Constant(sided.mesh, 3.0))
         return factor[0] * ufl.conditional(x[0] + x[1] < 0.77, 1.0, 0.0)
 
-    problem = posing(load)(sided)
-    integrate_piecewise(problem)
+    with data_in_pieces():
+        problem = posing(load)(sided)
     assert problem.total_load == pytest.approx(3.0 * 0.77**2 / 2.0, rel=1e-6)
     problem.solve()
     factor[0].value = 7.0
     problem.solve()
-    assert problem.total_load == pytest.approx(7.0 * 0.77**2 / 2.0, rel=0.1)
-    integrate_piecewise(problem)
     assert problem.total_load == pytest.approx(7.0 * 0.77**2 / 2.0, rel=1e-6)
+    assert problem.system.assembled == 2
     problem.destroy()
 
 

@@ -33,20 +33,18 @@ class Membrane:
         held = fem.Function(V)
         held.x.array[:] = 0.2
         self.bcs = [fem.dirichletbc(held, fem.locate_dofs_topological(V, 1, above))]
-        self.a, self.L = self.energy(1.0), self.f * self.v * ufl.dx
+        self.a = self.k * ufl.inner(ufl.grad(self.u), ufl.grad(self.v)) * ufl.dx
+        self.L = self.f * self.v * ufl.dx
         self.problem = self.posed()
 
-    def energy(self, factor):
-        return factor * self.k * ufl.inner(ufl.grad(self.u), ufl.grad(self.v)) * ufl.dx
-
-    def posed(self, a=None, L=None):
+    def posed(self):
         obstacle = self.g + 0.0 * ufl.SpatialCoordinate(self.mesh)[0]
-        forms = self.a if a is None else a, self.L if L is None else L
-        return SignoriniProblem(*forms, contact=self.below, obstacle=obstacle, bcs=self.bcs)
+        given = {"contact": self.below, "obstacle": obstacle, "bcs": self.bcs}
+        return SignoriniProblem(self.a, self.L, **given)
 
-    def check(self, **forms):
+    def check(self):
         """Compare a solve with that of a problem that is posed anew."""
-        fresh = self.posed(**forms)
+        fresh = self.posed()
         found, expected = self.problem.solve(rtol=1e-12), fresh.solve(rtol=1e-12)
         assert found.x.array == pytest.approx(expected.x.array, abs=1e-9)
         assert self.problem.force == pytest.approx(fresh.force, abs=1e-9)
@@ -74,37 +72,6 @@ def test_a_mesh_that_has_moved_is_remembered(membrane):
     membrane.mesh.geometry.x[:, 0] *= 2.0
     refuse(membrane, lambda: membrane.problem.update(matrix=True))
     membrane.check()
-
-
-def test_forms_that_were_to_be_integrated_otherwise_are_remembered(membrane):
-    other = membrane.energy(1.2)
-    refuse(membrane, lambda: membrane.problem.integrate(a=other))
-    membrane.check(a=other)
-    membrane.f.value = -6.0  # the problem's own forms again
-    membrane.check()
-
-
-@pytest.mark.parametrize("name,value", [("k", 0.5), ("f", -6.0)])
-def test_forms_of_other_data_give_way_to_those_of_the_problem(membrane, name, value):
-    membrane.problem.integrate(a=membrane.energy(1.2))
-    getattr(membrane, name).value = value
-    refuse(membrane, lambda: membrane.problem.integrate(L=membrane.L))
-    membrane.check()
-
-
-def test_forms_that_make_no_sense_are_refused_and_change_nothing(membrane, comm):
-    problem, v = membrane.problem, membrane.v
-    strange = fem.functionspace(membrane.mesh, ("Lagrange", 2))
-    w, z = ufl.TrialFunction(strange), ufl.TestFunction(strange)
-    for given in (
-        {"a": v * ufl.dx},
-        {"a": "x"},
-        {"L": z * ufl.dx},
-        {"a": w * z * ufl.dx, "L": z * ufl.dx},
-    ):
-        with pytest.raises(InputError, match=r"form a|load"):
-            problem.integrate(**given)
-        membrane.check()
 
 
 def test_a_zone_that_is_kept_sees_each_solve(comm):

@@ -14,11 +14,13 @@ no polynomial follows.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from itertools import product
-from operator import add, mul
+from operator import add, is_, mul
 from typing import Any
 
 import numpy as np
@@ -44,20 +46,40 @@ from dolfinx_signorini.data.interfaces.singular_sets import is_singular
 from dolfinx_signorini.data.readings import Place, Reading
 
 BY_DATA = {"quadrature_rule": "data"}  # the metadata of measures whose rules follow the data
+_IN_PIECES: ContextVar[bool] = ContextVar("data in pieces", default=False)
 
 
-def by_data(form: ufl.Form) -> ufl.Form:
+@contextmanager
+def data_in_pieces() -> Iterator[None]:
+    """Let problems that are posed meanwhile integrate data that jump inside of cells by pieces."""
+    token = _IN_PIECES.set(True)
+    try:
+        yield
+    finally:
+        _IN_PIECES.reset(token)
+
+
+def are_in_pieces() -> bool:
+    """Return whether a problem that is posed now integrates data by pieces."""
+    return _IN_PIECES.get()
+
+
+def by_data(form: ufl.Form, pieces: bool = False) -> ufl.Form:
     """Return a form with rules, and projections, for the integrals whose rules follow the data.
 
     Args:
         form: A linear or bilinear form; the call is collective.
+        pieces: Whether other integrals have projections, too, of data that jump inside of cells or
+            facets. Their rules are the user's where the data are smooth.
 
     Returns:
-        The same form where all measures have rules of their own.
+        The same form where all measures have rules of their own; the form itself where nothing
+        is changed.
     """
-    if all(integral.metadata() != BY_DATA for integral in form.integrals()):
+    if not pieces and all(integral.metadata() != BY_DATA for integral in form.integrals()):
         return form
-    every, found = _integrals(form), list[ufl.Integral]()
+    reading, found = Reading(form), list[ufl.Integral]()
+    every = [_Integral(reading, number) for number in range(len(form.integrals()))]
     in_cells = [own for own in every if own.given.integral_type() == "cell"]
     products = [(own, own.product) for own in in_cells if own.open]
     known = [(own, product) for own, product in products if product is not None]
@@ -66,26 +88,12 @@ def by_data(form: ufl.Form) -> ufl.Form:
     measures = measures_for(space.mesh, [product for _, product in known], degree, divided)
     chosen = {own: dx for (own, _), dx in zip(known, measures, strict=True)}
     for own in every:
-        found += own.by_data(chosen.get(own)) if own.open else [own.given]
-    return ufl.Form(found)
-
-
-def piecewise(form: ufl.Form, domain: mesh.Mesh) -> ufl.Form | None:
-    """Return a form with data that jump inside of cells integrated piece by piece.
-
-    Where the data are smooth, and where the rule follows the data, the integral is the user's.
-
-    Args:
-        form: A linear or bilinear form.
-        domain: The mesh of the form; the call is collective.
-
-    Returns:
-        The form; None where no readable datum jumps inside of a cell or facet.
-    """
-    every = _integrals(form)
-    if all(own.open or not own.changed for own in every):
-        return None
-    return ufl.Form([new for own in every for new in ([own.given] if own.open else own.apart())])
+        if own.open:
+            found += own.by_data(chosen.get(own))
+        else:
+            found += own.apart() if pieces else [own.given]
+    same = len(found) == len(every) and all(map(is_, found, form.integrals()))
+    return form if same else ufl.Form(found)
 
 
 @dataclass(frozen=True)
@@ -257,11 +265,6 @@ class _Integral:
         rule = cell_rule(self._domain, self._needed) if in_cells else facet_rule(self._domain)
         fine = isinstance(named, int) and named >= max(self._needed, rule.degree)
         return given if fine else rule.metadata
-
-
-def _integrals(form: ufl.Form) -> list[_Integral]:
-    reading = Reading(form)
-    return [_Integral(reading, number) for number in range(len(form.integrals()))]
 
 
 def _all(read: Sequence[Formula | None]) -> list[Formula]:
