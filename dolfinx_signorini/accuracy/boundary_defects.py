@@ -4,9 +4,10 @@ A solution meets the obstacle and Dirichlet data at nodes. Where an obstacle has
 between the nodes, or Dirichlet data are like a root there, no comparison of discrete solutions
 shows the error, but the data themselves do: the trace of the error is at least what the solution
 lies below the obstacle, the distance to the obstacle on facets in contact, and the distance to
-Dirichlet data. In a norm of the boundary such a distance is the error itself. From the facet the
-error reaches about half as far into the domain as the facet is long; the mean of the distance, and
-what lies beyond an obstacle, reach as far as a dual solution tells.
+Dirichlet data. In a norm of the boundary such a distance is the error itself. In the domain the
+error falls with the distance y from the facet like exp(-y / l), where a distance like a wave has l
+as the size of its antiderivative over its own, and a constant half of the facet; the mean of the
+distance, and what lies beyond an obstacle, reach as far as a dual solution tells.
 """
 
 import math
@@ -18,7 +19,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import cell_norms
+from dolfinx_signorini.accuracy.cells import cell_norms, over
 from dolfinx_signorini.accuracy.contact_ends import (
     contact_on_entities,
     facet_lattice,
@@ -96,11 +97,11 @@ def data_defects(solved: Solved, dual: Dual | None) -> Array:
     slopes: Array = np.zeros(len(solved.parents))
     _, weights = _lattice(problem.space)
     for distances in distances_from_data(problem):
-        found = _defects(problem, distances.pairs, distances.off, weights, norm)
-        values = joined(values, found, norm.p)
+        volumes = _volumes(problem, distances, norm)
+        known = problem, distances.pairs, volumes, norm
+        values = joined(values, _defects(*known, distances.off, weights), norm.p)
         if norm.derivatives:
-            found = _defects(problem, distances.pairs, *_slopes(problem, distances), norm)
-            slopes = joined(slopes, found, norm.p)
+            slopes = joined(slopes, _defects(*known, *_slopes(problem, distances)), norm.p)
     parts = slopes if norm.derivatives == 1 else values
     if norm.derivatives == 0.5:
         both = joined(values, slopes, norm.p)
@@ -321,15 +322,36 @@ def _lattice(space: fem.FunctionSpace) -> tuple[Array, Array]:
     return x[:, None], np.append(half, 0.0) + np.append(0.0, half)
 
 
-def _defects(
-    problem: BoundConstrainedProblem, pairs: LocalIndices, values: Array, weights: Array, norm: Norm
-) -> Array:
-    """The L^p norms of values at points of facets on each cell: on the facets, or near them."""
+def _volumes(problem: BoundConstrainedProblem, distances: Distances, norm: Norm) -> Array:
+    """The sizes of what distances reach into: of facets, or of the domain near them.
+
+    In space, where a facet has no antiderivative, a distance reaches half as far as the facet.
+    """
     domain, dim = problem.space.mesh, problem.space.mesh.topology.dim
-    scale = facet_scale(domain, pairs)
-    volume = scale if norm.boundary else 0.5 * scale ** (dim / (dim - 1.0))
-    parts = p_norm(values, norm.p, volume[:, None] * weights)
-    return np.asarray(collected(parts, pairs[:, 0], len(owned_cells(domain)), norm.p))
+    scale = facet_scale(domain, distances.pairs)
+    if norm.boundary:
+        return scale
+    half = 0.5 * scale ** (1.0 / (dim - 1.0))
+    if dim > 2:
+        return scale * half
+    (lattice, weights), off = _lattice(problem.space), distances.off
+    means = 0.5 * (off[:, 1:] + off[:, :-1]) * np.diff(lattice[:, 0])
+    sums = np.pad(np.cumsum(means, axis=1), ((0, 0), (1, 0)))
+    reach = scale * over(p_norm(sums, 2.0, weights), p_norm(off, 2.0, weights))
+    return np.asarray(scale * np.minimum(reach, half))
+
+
+def _defects(
+    problem: BoundConstrainedProblem,
+    pairs: LocalIndices,
+    volumes: Array,
+    norm: Norm,
+    values: Array,
+    weights: Array,
+) -> Array:
+    """The L^p norms of values at points of facets on each cell, see `_volumes`."""
+    parts = p_norm(values, norm.p, volumes[:, None] * weights)
+    return np.asarray(collected(parts, pairs[:, 0], len(owned_cells(problem.space.mesh)), norm.p))
 
 
 def _slopes(problem: BoundConstrainedProblem, distances: Distances) -> tuple[Array, Array]:

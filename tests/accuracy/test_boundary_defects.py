@@ -69,7 +69,7 @@ def wave_error(norm, dim, waves):
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize(
     ("dim", "name"),
-    [(2, name) for name in ("L2", "L4", "Linf", "H1", "W1_4", "W1_inf")]
+    [(2, name) for name in ("L1", "L2", "L4", "Linf", "H1", "W1_4", "W1_inf")]
     + [(3, "L2"), (3, "Linf"), (3, "H1")]
     + [(dim, name) for dim in (2, 3) for name in ("L2_boundary", "H1_2_boundary")],
 )
@@ -84,8 +84,8 @@ def test_waves_of_the_obstacle_between_the_nodes(dim, name, degree, comm):
     estimator = Estimator(coarse.space, wanted)
     solution = Solution(coarse.u, coarse.forces)
     estimator.compare(Solved(solution, fine, division.parents, wanted))
-    error = wave_error(wanted.norm, dim, waves)
-    assert estimator.found.difference <= 1e-5 * error <= error <= estimator.estimate <= 4.0 * error
+    error, most = wave_error(wanted.norm, dim, waves), {2: 2.4, 3: 4.0}[dim]
+    assert estimator.found.difference <= 1e-5 * error <= error <= estimator.estimate <= most * error
     for problem in (coarse, fine):
         problem.destroy()
 
