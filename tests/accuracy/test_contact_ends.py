@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
+from known import Known, alone, true_error
 
 from dolfinx_signorini import (
     ObstacleProblem,
@@ -16,11 +17,17 @@ from dolfinx_signorini import (
     solve_adaptively,
 )
 from dolfinx_signorini.accuracy.cells import cell_norms
-from dolfinx_signorini.accuracy.contact_ends import cells_at_contact_ends, rate_at_ends
+from dolfinx_signorini.accuracy.contact_ends import (
+    cells_at_contact_ends,
+    rate_at_ends,
+    unknown_ends,
+)
+from dolfinx_signorini.accuracy.marking import SAFETY
 from dolfinx_signorini.accuracy.targets import target
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
+from dolfinx_signorini.norms.power_sums import total
 from dolfinx_signorini.studies.paper.solution import paper_problem
 
 
@@ -134,3 +141,36 @@ def test_ends_that_have_stayed_in_coarse_cells_count(seed, norm, comm):
     error = abs(found.problem.u - exact) ** p * rule
     assert found.reached
     assert comm.allreduce(fem.assemble_scalar(fem.form(error))) ** (1.0 / p) <= 1e-4
+
+
+@pytest.mark.parametrize("name", ["Linf", "W1_inf"])
+@pytest.mark.parametrize("degree", [1, 2, 3, 4])
+def test_an_end_in_the_domain_is_not_known_wherever_it_is_in_a_cell(degree, name, comm):
+    """Along a line of the mesh the gap across the cells with the end may be 0, and the end off."""
+    n, wanted, found, true = 8, target(name), [], []
+    for place in np.linspace(3.05, 3.95, 10) / n:
+
+        def u(x, y, place=place):
+            return 0.5 * np.maximum(x - place, 0.0) ** 2
+
+        def gradient(x, y, place=place):
+            return np.maximum(x - place, 0.0), 0.0 * x
+
+        corners = [[0.0, 0.0], [1.0, 2.0 / n]]
+        domain = mesh.create_rectangle(comm, corners, [n, 2])
+        space = bernstein_space(domain, degree)
+        w, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        ends = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(abs(x[0] - 0.5), 0.5))
+        problem = ObstacleProblem(
+            ufl.inner(ufl.grad(w), ufl.grad(v)) * ufl.dx,
+            fem.Constant(domain, -1.0) * v * ufl.dx,
+            lower=0.0,
+            bcs=[dirichlet(space, ends, lambda x, u=u: u(x[0], x[1]))],
+        )
+        problem.solve(rtol=1e-10)
+        parts = unknown_ends(alone(problem, wanted), None)[1]
+        found.append(SAFETY * total(parts, wanted.power, comm))
+        true.append(true_error(problem.u, Known("", u, gradient, {}), name))
+        problem.destroy()
+    assert (np.array(found) >= 0.9 * np.array(true)).all()
+    assert np.median(np.array(found) / true) <= 6.0
