@@ -30,7 +30,8 @@ from dolfinx_signorini.norms.power_sums import total
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem, Contact
 
 SAMPLES = 24  # on each edge of a facet
-SLOPE = 5.5  # of what ends of contact leave: derivatives times the width h over values
+# Of what an end of contact leaves, derivatives times the width h over values: see `unknown_ends`.
+SLOPE = 5.5
 
 
 def rate_at_ends(target: Target, in_domain: bool = False) -> float:
@@ -143,13 +144,13 @@ def _gaps_across(zone: Contact) -> Array:
     domain, free = zone.space.mesh, ~touching.all(axis=1)
     roots = np.sqrt(np.maximum(zone.gap.x.array, 0.0))[dofs]
     steps = np.square(np.ptp(roots, axis=1))
-    areas = volumes(domain)[cells] ** (2.0 / domain.topology.dim)
+    widths = volumes(domain)[cells] ** (1.0 / domain.topology.dim)
     count, squares = (
         summed_at_vertices(domain, values[free], cells[free])
-        for values in (np.ones(len(cells)), (steps / areas) ** 2)
+        for values in (np.ones(len(cells)), (steps / widths**2) ** 2)
     )
     around = np.sqrt(squares / np.maximum(count, 1.0))[domain.geometry.dofmap[cells]]
-    return np.asarray(np.maximum(steps, areas * around.max(axis=1, initial=0.0)))
+    return np.asarray(np.maximum(steps, around.max(axis=1, initial=0.0) * widths**2))
 
 
 def _stayed(solved: Solved, cells: LocalIndices, touching: Mask) -> tuple[Mask, float]:
