@@ -154,7 +154,6 @@ class Assembly:
         self._due = self._due[0] or changed[0], self._due[1] or any(changed)
         if self._replaced and (matrix or any(changed)):  # the forms were made of other data
             self._take(*self._forms)
-            self._due = True, True
         fresh, load = self._due
         moved = bool((data != old.fixed_values).any())
         if not anywhere(self.comm, load or moved):

@@ -9,6 +9,9 @@ projections where points do not help:
 
     dx = ufl.dx(domain, metadata=BY_DATA)
 
+Measures with rules of their own keep these rules, and a problem has the projections beside them if
+the problem is posed in a `with data_in_pieces()` block, as in the adaptive loop.
+
 A problem that is solved without projections tells where its diffusion jumps inside of cells, where
 no polynomial follows.
 """
