@@ -206,7 +206,7 @@ def solve_adaptively(
         log.warning("%s", note)
     reading: dict[str, Any] = {}
     if known is not None:
-        poses = {degree: _in_pieces(pose) for degree, pose in poses.items()}
+        poses = {degree: data_in_pieces()(pose) for degree, pose in poses.items()}
         reading = {"read": coefficients_of, "fit": lambda level: follow(level, known.entries)}
     return adapt(poses, first, request, on_step, began, curves, **reading)
 
@@ -251,16 +251,6 @@ def adapt(
         polygonal=polygonal,
         notes=(*first.notes, *loop.notes),
     )
-
-
-def _in_pieces(pose: Pose) -> Pose:
-    """Return what poses a problem whose data are integrated piece by piece where they jump."""
-
-    def posed_in_pieces(level: SidedMesh) -> BoundConstrainedProblem:
-        with data_in_pieces():
-            return pose(level)
-
-    return posed_in_pieces
 
 
 def _first_mesh(

@@ -97,9 +97,9 @@ def data_defects(solved: Solved, dual: Dual | None) -> Array:
     slopes: Array = np.zeros(len(solved.parents))
     _, weights = _lattice(problem.space)
     for distances in distances_from_data(problem):
-        volumes = _volumes(problem, distances, norm)
-        known = problem, distances.pairs, volumes, norm
-        values = joined(values, _defects(*known, distances.off, weights), norm.p)
+        known = problem, distances, norm
+        if norm.derivatives < 1:
+            values = joined(values, _defects(*known, distances.off, weights), norm.p)
         if norm.derivatives:
             slopes = joined(slopes, _defects(*known, *_slopes(problem, distances)), norm.p)
     parts = slopes if norm.derivatives == 1 else values
@@ -343,15 +343,16 @@ def _volumes(problem: BoundConstrainedProblem, distances: Distances, norm: Norm)
 
 def _defects(
     problem: BoundConstrainedProblem,
-    pairs: LocalIndices,
-    volumes: Array,
+    distances: Distances,
     norm: Norm,
     values: Array,
     weights: Array,
 ) -> Array:
-    """The L^p norms of values at points of facets on each cell, see `_volumes`."""
+    """The L^p norms on each cell of values at points of facets, as far as distances reach."""
+    volumes = _volumes(problem, distances, norm)
     parts = p_norm(values, norm.p, volumes[:, None] * weights)
-    return np.asarray(collected(parts, pairs[:, 0], len(owned_cells(problem.space.mesh)), norm.p))
+    cells, count = distances.pairs[:, 0], len(owned_cells(problem.space.mesh))
+    return np.asarray(collected(parts, cells, count, norm.p))
 
 
 def _slopes(problem: BoundConstrainedProblem, distances: Distances) -> tuple[Array, Array]:

@@ -109,7 +109,7 @@ def unknown_ends(solved: Solved, dual: Dual | None) -> Array:
         return np.zeros((2, solved.count))
     cells, dofs, touching = contact_on_entities(zone)
     ends = touching.any(axis=1) & ~touching.all(axis=1)
-    across = _gaps_across(zone)[ends]
+    across = _gaps_across(zone, cells, dofs, touching)[ends]
     off = across / (4.0 * zone.space.element.basix_element.degree)
     stayed, share = _stayed(solved, cells, touching)
     if norm is None:
@@ -132,15 +132,18 @@ def unknown_ends(solved: Solved, dual: Dual | None) -> Array:
     return solved.in_norm(solved.unit * parts)
 
 
-def _gaps_across(zone: Contact) -> Array:
+def _gaps_across(zone: Contact, cells: LocalIndices, dofs: LocalIndices, touching: Mask) -> Array:
     """The gap on the far side of cells in the domain, if contact ended on the near side.
 
     The root of the gap p s^2 / 2 is linear in the distance s from the end of contact: its step
     across a cell without contact tells p h^2 / 2. On a cell with the end inside, the step is less,
     and nothing where contact ends on the far side: the cells without contact around a vertex tell
-    there, in the root of the mean of squares.
+    there, in the root of the mean of squares. The call is collective.
+
+    Args:
+        zone: The contact in the domain.
+        cells, dofs, touching: See `contact_on_entities`.
     """
-    cells, dofs, touching = contact_on_entities(zone)
     domain, free = zone.space.mesh, ~touching.all(axis=1)
     roots = np.sqrt(np.maximum(zone.gap.x.array, 0.0))[dofs]
     steps = np.square(np.ptp(roots, axis=1))

@@ -357,10 +357,9 @@ def quadrature(solved: Solved, dual: Dual | None) -> Array:
     if dual is None:
         return solved.in_norm(solved.target.on_cells(solved.fine.solve_linearised(defect)[0]))
     parts, comm = solved.on_cells(product(defect, dual.z)), solved.fine.comm
-    seen = total(parts[1], 1.0, comm)
+    signed, seen = comm.allreduce(parts.sum(axis=1))
     if norm is None:
-        signed = abs(comm.allreduce(float(parts[0].sum())))
-        parts[1] *= max(signed, total(parts[1], 2.0, comm)) / (seen or 1.0)
+        parts[1] *= max(abs(signed), total(parts[1], 2.0, comm)) / (seen or 1.0)
         return parts
     if norm.boundary or seen <= SHARE * solved.distance:
         return parts

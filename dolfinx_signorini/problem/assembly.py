@@ -23,7 +23,7 @@ from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.base.sums_of_squares import is_sum_of_squares
 from dolfinx_signorini.base.timing import Phases
 from dolfinx_signorini.base.tolerances import FAR
-from dolfinx_signorini.data.interfaces.piecewise_forms import are_in_pieces, by_data
+from dolfinx_signorini.data.interfaces.piecewise_forms import IN_PIECES, by_data
 from dolfinx_signorini.problem import checks, held
 from dolfinx_signorini.problem.constraint import Constraint
 from dolfinx_signorini.problem.directions import Directions, scalar_space
@@ -77,7 +77,7 @@ class Assembly:
     ):
         space = a.arguments()[0].ufl_function_space()
         self.bcs, self.comm, self._forms = list(bcs), space.mesh.comm, (a, L)
-        self.phases, self._pieces = Phases(self.comm), are_in_pieces()
+        self.phases, self._pieces = Phases(self.comm), IN_PIECES.get()
         with self.phases("forms"):
             zones = constraint.zones
             dim, entities = zones[0].dim, zones[0].entities
@@ -99,7 +99,7 @@ class Assembly:
                 "form_compiler_options": form_compiler_options,
                 "jit_options": jit_options,
             }
-            self._take(a, L)
+            self._take()
             self._given = [(k, each) for k, zone in enumerate(zones) for each in zone.obstacles]
             self._held_weakly = constraint.held_weakly
             self._look_up()
@@ -113,9 +113,9 @@ class Assembly:
         self._watch_nodes = Watch(space.mesh)
         self._obstacles_at = [evaluator(space, g.data, dofs[k], g.name) for k, g in self._given]
 
-    def _take(self, a: ufl.Form, L: ufl.Form) -> None:
-        """Take forms, both or none of them."""
-        a, L = by_data(a, self._pieces), by_data(L, self._pieces)
+    def _take(self) -> None:
+        """Take the forms with the present data, both or none of them."""
+        a, L = (by_data(form, self._pieces) for form in self._forms)
         made = (
             compiled.form(a, "form a", **self._options),
             compiled.form(L, "load", **self._options),
@@ -153,7 +153,7 @@ class Assembly:
         changed = self._changed()
         self._due = self._due[0] or changed[0], self._due[1] or any(changed)
         if self._replaced and (matrix or any(changed)):  # the forms were made of other data
-            self._take(*self._forms)
+            self._take()
         fresh, load = self._due
         moved = bool((data != old.fixed_values).any())
         if not anywhere(self.comm, load or moved):

@@ -49,22 +49,18 @@ from dolfinx_signorini.data.interfaces.singular_sets import is_singular
 from dolfinx_signorini.data.readings import Place, Reading
 
 BY_DATA = {"quadrature_rule": "data"}  # the metadata of measures whose rules follow the data
-_IN_PIECES: ContextVar[bool] = ContextVar("data in pieces", default=False)
+# Whether a problem that is posed now integrates data by pieces.
+IN_PIECES: ContextVar[bool] = ContextVar("data in pieces", default=False)
 
 
 @contextmanager
 def data_in_pieces() -> Iterator[None]:
     """Let problems that are posed meanwhile integrate data that jump inside of cells by pieces."""
-    token = _IN_PIECES.set(True)
+    token = IN_PIECES.set(True)
     try:
         yield
     finally:
-        _IN_PIECES.reset(token)
-
-
-def are_in_pieces() -> bool:
-    """Return whether a problem that is posed now integrates data by pieces."""
-    return _IN_PIECES.get()
+        IN_PIECES.reset(token)
 
 
 def by_data(form: ufl.Form, pieces: bool = False) -> ufl.Form:
