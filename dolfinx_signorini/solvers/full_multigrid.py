@@ -5,8 +5,8 @@ obstacle of the fine node at its place. The solution of a level, interpolated an
 obstacle, is the start on the next finer one, where cycles improve the start until they are quick. A
 cycle is one of multilevel constraint decomposition: what the solution may still move down to the
 obstacle, the defect of the obstacle, is shared out among the levels, so that no sum of corrections
-leaves the obstacle. Each level takes one projected Gauss-Seidel sweep forward on the way down and
-one backward on the way up.
+leaves the obstacle. The level that a cycle improves takes one projected Gauss-Seidel sweep forward
+on the way down and one backward on the way up, and coarser levels sweep there and back both times.
 
 Where bodies meet the obstacle along axes, the turn of a node swaps components and changes signs:
 each row of the finest prolongation has entries of one sign, and a coarse component has the bounds
@@ -33,6 +33,8 @@ from dolfinx_signorini.solvers.linear.rows import Rows
 from dolfinx_signorini.solvers.prediction import presses
 from dolfinx_signorini.solvers.system import System
 
+# The sweeps on the way down and up: of the level that a cycle improves, and of the coarser ones.
+ONE, BOTH = ("forward", "backward"), ("settle", "settle")
 COARSEST = 20  # sweeps there and back on the coarsest level
 ROUNDS = 5  # of these sweeps on several ranks, which see the values of one another in between
 
@@ -118,7 +120,7 @@ class Level:
         self.matrix.mult(x, self._rest)
         self._rest.aypx(-1.0, self.load)
         lower, upper = (values - x.array_r for values in self.bounds)
-        self._correct((lower, upper), coarser)
+        self._correct((lower, upper), coarser, ONE)
         x.axpy(1.0, self._step)
         self.moved(x)
         return float(self._step.norm())
@@ -137,7 +139,9 @@ class Level:
         if self.prolongation is not None:
             self._coarse.destroy()
 
-    def _correct(self, bounds: Bounds, coarser: Sequence["Level"]) -> None:
+    def _correct(
+        self, bounds: Bounds, coarser: Sequence["Level"], sweeps: tuple[str, str] = BOTH
+    ) -> None:
         """Find a step within bounds for the residual, which stays as it is."""
         if not coarser:
             self._sweep_often(bounds)
@@ -148,14 +152,14 @@ class Level:
         left = (own - self._prolonged(part) for own, part in zip(aligned, shared, strict=True))
         lower, upper = self._aligned((next(left), next(left)))
         values = np.zeros(len(lower))
-        self.rows.sweep("forward", self._rest, lower, upper, values, self._step)
+        self.rows.sweep(sweeps[0], self._rest, lower, upper, values, self._step)
         self._leave()
         self.prolongation.multTranspose(self._left, coarser[0]._rest)
         coarser[0]._correct(shared, coarser[1:])
         self.prolongation.multAdd(coarser[0]._step, self._step, self._step)
         self._leave()
         values = self._step.array_r.copy()
-        self.rows.sweep("backward", self._left, *bounds, values, self._more)
+        self.rows.sweep(sweeps[1], self._left, *bounds, values, self._more)
         self._step.axpy(1.0, self._more)
 
     def _sweep_often(self, bounds: Bounds) -> None:

@@ -2,8 +2,9 @@
 
 The ends of contact are curves or surfaces there, with as many dofs as the mesh is wide, and many
 are wrong at first. A step is a projected Gauss-Seidel sweep, which moves the ends by about a dof
-and says which dofs are in contact, and some conjugate gradients with the dofs in contact held. When
-a sweep over their iterate changes nothing of the set, the conjugate gradients go on to the end.
+and says which dofs are in contact, and one iteration of conjugate gradients with the dofs in
+contact held. When a sweep over its iterate changes nothing of the set, the conjugate gradients go
+on to the end. With two iterations a step, solves take 2 to 6 % longer (benchmarks/obstacle.py).
 
 Source: Graeser and Kornhuber, J. Comput. Math. 27 (2009) 1-44, for truncated nonsmooth Newton
 multigrid.
@@ -20,9 +21,6 @@ from dolfinx_signorini.solvers.linear.solver import LinearSolver
 from dolfinx_signorini.solvers.residual import NaturalResidual
 from dolfinx_signorini.solvers.system import System
 
-# Of conjugate gradients in a step: with 1 or 3, or until a share of the residual is left, the whole
-# solve takes as long or longer (benchmarks/obstacle.py).
-ITERATIONS = 2
 LONGEST = 30  # steps
 
 
@@ -72,7 +70,7 @@ class Sweep:
 
     def enough(self, correction: PETSc.Vec, iteration: int, norm: float, unit: float) -> bool:
         """Return whether the set is another one than that of the solve, see `Probe.enough`."""
-        if iteration != ITERATIONS:
+        if iteration != 1:
             return False
         measure, system = self._measure, self._measure.system
         self._iterate = self._x.copy(self._iterate)

@@ -19,7 +19,7 @@ from dolfinx_signorini.problem.dirichlet import dirichlet
 from dolfinx_signorini.solvers.full_multigrid import full_multigrid, levels_of
 from dolfinx_signorini.solvers.linear.iterative import IterativeSolver
 from dolfinx_signorini.solvers.residual import NaturalResidual
-from dolfinx_signorini.solvers.rough_steps import ITERATIONS, Sweep, swept
+from dolfinx_signorini.solvers.rough_steps import Sweep, swept
 
 COMM = MPI.COMM_WORLD
 RTOL = 1e-9
@@ -153,10 +153,10 @@ def test_a_sweep_ends_the_linear_solve_of_a_wrong_set_alone(wrong):
     system.set_forces(x, residual)
     residual.array_w[system.known_dofs(held)] = 0.0
     if wrong:
-        assert solver.iterations == ITERATIONS and residual.norm() > atol
+        assert solver.iterations == 1 and residual.norm() > atol
         assert COMM.allreduce(int((found != held).sum())) > 0
     else:
-        assert solver.iterations > ITERATIONS and residual.norm() <= atol
+        assert solver.iterations > 1 and residual.norm() <= atol
         assert (found == held).all()
     for item in (solver, measure, x, residual, problem):
         item.destroy()

@@ -67,7 +67,7 @@ class Rows:
         upper: Array,
         x: Array,
         step: PETSc.Vec,
-        *count: int,
+        count: int = 1,
     ) -> None:
         """Correct x by Gauss-Seidel sweeps within bounds, with the columns of other ranks left out.
 
@@ -78,7 +78,8 @@ class Rows:
             x: The values, changed in place.
             step: Set to the change of x.
         """
-        run(kind, *self._local, rest.array_r, lower, upper, x, step.array_w, *count)
+        counted = (count,) if kind == "settle" else ()
+        run(kind, *self._local, rest.array_r, lower, upper, x, step.array_w, *counted)
 
     def largest(self, values: Array) -> Array:
         """Return for each own column the largest value of a row with an entry there; collective.
