@@ -13,7 +13,8 @@ obstacle problem revisited, J. Fourier Anal. Appl. 4 (1998) 383-402, for obstacl
 import math
 
 import numpy as np
-from dolfinx import fem
+from dolfinx import fem, mesh
+from scipy.spatial import cKDTree
 
 from dolfinx_signorini.accuracy.cells import summed_at_vertices, volumes
 from dolfinx_signorini.accuracy.targets import Target
@@ -22,9 +23,9 @@ from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.ranks import marked, summed
 from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.reading import formula_of
-from dolfinx_signorini.meshes.elements import facet_dofs
+from dolfinx_signorini.meshes.elements import control_points, facet_dofs, facet_pieces
 from dolfinx_signorini.meshes.polynomials import equispaced
-from dolfinx_signorini.meshes.sided_meshes import cells_with_dofs, facet_scale
+from dolfinx_signorini.meshes.sided_meshes import cell_corners, cells_with_dofs, facet_scale
 from dolfinx_signorini.norms.orders import DETACHMENT_EXPONENT, FREE_BOUNDARY_EXPONENT
 from dolfinx_signorini.norms.power_sums import total
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem, Contact
@@ -68,6 +69,31 @@ def cells_at_contact_ends(zone: Contact, parents: LocalIndices, count: int) -> M
     result = np.zeros(count, dtype=bool)
     result[parents[cells[cells < len(parents)]]] = True
     return result
+
+
+def places_of_ends(zone: Contact, domain: mesh.Mesh, cells: Mask) -> Array:
+    """Return the nearest end of contact for each of some cells, shape (cells, 3); collective.
+
+    On the boundary of a domain in the plane an end is between two nodes of which one is in contact,
+    and taken to be in the middle. Elsewhere ends are curves and surfaces: infinity.
+
+    Args:
+        zone: The solved problem, or a zone.
+        domain: The mesh of the cells.
+        cells: Which owned cells are chosen.
+    """
+    space, comm = zone.space, domain.comm
+    if zone.in_domain or domain.topology.dim > 2:
+        return np.full((cells.sum(), 3), np.inf)
+    pieces, _ = facet_pieces(space, zone.owned_entities)
+    touching = marked(space, zone.active)[pieces]
+    ends = pieces[touching.any(axis=1) & ~touching.all(axis=1)]
+    places = np.concatenate(comm.allgather(control_points(space)[ends].mean(axis=1)))
+    if not len(places):
+        return np.full((cells.sum(), 3), np.inf)
+    middles = cell_corners(domain)[cells].mean(axis=1)
+    _, nearest = cKDTree(places[:, : domain.geometry.dim]).query(middles)
+    return np.asarray(places[nearest])
 
 
 def cells_at_kinks(problem: BoundConstrainedProblem, parents: LocalIndices, count: int) -> Mask:

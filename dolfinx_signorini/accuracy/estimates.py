@@ -18,6 +18,7 @@ from dolfinx_signorini.accuracy.cells import over, shared_out
 from dolfinx_signorini.accuracy.contact_ends import (
     cells_at_contact_ends,
     cells_at_kinks,
+    places_of_ends,
     rate_at_ends,
 )
 from dolfinx_signorini.accuracy.corners import exponents_at_corners
@@ -116,6 +117,7 @@ class Estimator:
         for zone in solved.fine.zones:
             here = cells_at_contact_ends(zone, solved.parents, solved.count)
             self.rates.know(here, rate_at_ends(self._target, zone.in_domain))
+            self.rates.ends[here] = places_of_ends(zone, solved.coarse.u.function_space.mesh, here)
             ends |= here
         kinks = cells_at_kinks(solved.fine, solved.parents, solved.count)
         rate = self._target.singular_order(KINK_EXPONENT, KINK_EXPONENT, 1)

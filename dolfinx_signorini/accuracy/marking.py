@@ -2,7 +2,9 @@
 
 The cells with the largest remaining errors are divided until the predicted error is small enough,
 each so often that its parts are no worse than the parts of other cells. A cell with a singular
-point is divided towards the point: only the part at the point is divided again.
+point is divided towards the point: only the part at the point is divided again. A point that is no
+vertex, an end of contact, is known up to about a size of the parts: so the parts that are as near
+to the point as their size are divided again.
 """
 
 import math
@@ -35,6 +37,7 @@ SAFETY = 1.3
 # cells of the last one, if they grow so.
 GROWTH = 3.0
 DEEP = 2  # divisions, except at singular points that were seen twice
+LOCATED = 3  # divisions towards an end of contact: known up to about the distance of nodes
 NOTABLE = 0.5  # of the largest value: smaller ones, and differences that are smaller, may be chance
 
 
@@ -54,6 +57,7 @@ class Prediction:
         power: The exponent with which the parts add up.
         exponent: The exponent with which errors at separate places add up: to this power the parts
             fall, see `Target.exponent`.
+        ends: For each cell the end of contact that the cell has; infinity for cells without one.
     """
 
     remaining: Array
@@ -62,6 +66,7 @@ class Prediction:
     confirmed: Mask
     power: float
     exponent: float
+    ends: Array
 
 
 @dataclass(frozen=True)
@@ -73,15 +78,21 @@ class Marks:
     Attributes:
         levels: How often each owned cell is to be divided; fractions are bisections, of which as
             many as the mesh has dimensions make a division.
-        singular: Whether the cell is divided towards a point.
-        points: For each cell the point, shape (cells, 3).
+        points: For each cell the point that the cell is divided towards, shape (cells, 3); infinity
+            for other cells.
+        apart: Whether the point is an end of contact, and no vertex.
         growth: By how much they are predicted to multiply the number of cells, at most.
     """
 
     levels: Array
-    singular: Mask
     points: Array
+    apart: Mask
     growth: float = 1.0
+
+    @property
+    def singular(self) -> Mask:
+        """Whether each cell is divided towards a point."""
+        return np.isfinite(self.points[:, 0])
 
     def apply(
         self, sided: SidedMesh, fit: Callable[[SidedMesh], object] = lambda sided: None
@@ -99,14 +110,16 @@ class Marks:
         levels: Array = np.zeros(len(self.levels))
         while True:
             # What has been divided for the sake of other cells need not be divided again.
-            wanted, singular, points = map(owners.of, (self.levels, self.singular, self.points))
-            at = _at_points(sided, points)
+            wanted, points, apart = map(owners.of, (self.levels, self.points, self.apart))
+            at = _at_points(sided, points, np.where(apart, 1.0, HALF_OF_THE_DIGITS))
+            singular = np.isfinite(points[:, 0])
+            tip = singular & ~apart
             left: Array = np.rint(dimension * (wanted - levels))  # bisections
             left = np.where(singular & ~at, 0.0, left)
             if highest(comm, left) == 0.0:
                 return Divided(sided, owners, np.round(levels, 3), singular & ~at)
-            tips, whole = _numbers(singular & (left > 0)), _numbers(~singular & (left >= dimension))
-            halved = _numbers(~singular & (left > 0) & (left < dimension))
+            tips, whole = _numbers(tip & (left > 0)), _numbers(~tip & (left >= dimension))
+            halved = _numbers(~tip & (left > 0) & (left < dimension))
             step = balanced(refined(sided, whole, (tips, points[tips]), halved))
             shares = step.parents.of(volumes(sided.mesh)) / volumes(step.sided.mesh)
             levels = step.parents.of(levels) + np.log2(shares) / dimension
@@ -114,13 +127,13 @@ class Marks:
             sided, owners = step.sided, owners.through(step.parents)
 
 
-def _at_points(sided: SidedMesh, points: Array) -> Mask:
-    """Whether each owned cell has a vertex at its point."""
+def _at_points(sided: SidedMesh, points: Array, reach: Array) -> Mask:
+    """Whether each owned cell has a vertex so many sizes of the cell from its point, or nearer."""
     domain = sided.mesh
     x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
     distance = np.linalg.norm(x - points[:, None], axis=2).min(axis=1)
     size = volumes(domain) ** (1.0 / domain.topology.dim)
-    return np.asarray(distance < HALF_OF_THE_DIGITS * size)
+    return np.asarray(distance < reach * size)
 
 
 @dataclass(frozen=True)
@@ -165,7 +178,7 @@ def mark_worst(sided: SidedMesh, cells: Array, order: float, power: float) -> Ma
     shares = np.maximum(cells / largest, TINY) if largest > 0.0 else np.ones(count)
     fall = order + dimension / power
     levels = _rounded_up(1.0 + np.log2(shares / NOTABLE) / fall, 1.0 / dimension)
-    return Marks(np.clip(levels, 0.0, 1.0), np.zeros(count, bool), np.zeros((count, 3)))
+    return Marks(np.clip(levels, 0.0, 1.0), np.full((count, 3), np.inf), np.zeros(count, bool))
 
 
 def _rounded_up(levels: Array, multiple: Array | float) -> Array:
@@ -189,8 +202,8 @@ def mark_for_all(
         deeper = other.levels > marks.levels
         marks = Marks(
             np.where(deeper, other.levels, marks.levels),
-            np.where(deeper, other.singular, marks.singular),
             np.where(deeper[:, None], other.points, marks.points),
+            np.where(deeper, other.apart, marks.apart),
             marks.growth + other.growth - 1.0,
         )
     return marks
@@ -206,20 +219,23 @@ def mark(sided: SidedMesh, prediction: Prediction, goal: float, growth: float) -
         growth: The largest ratio of the numbers of cells.
     """
     comm = sided.mesh.comm
-    points, isolated = _points(sided.mesh, prediction.remaining, prediction.singular)
-    choice = _Choice(comm, replace(prediction, singular=isolated), sided.mesh)
+    points = _points(sided.mesh, prediction.remaining, prediction.singular)
+    apart = prediction.singular & np.isfinite(prediction.ends[:, 0])
+    points[apart] = prediction.ends[apart]
+    towards = replace(prediction, singular=np.isfinite(points[:, 0]))
+    choice = _Choice(comm, towards, apart, sided.mesh)
     levels = choice.levels_for(goal, math.inf)
     whole = choice.growth(levels)
     if whole > growth > 1.0:  # a short last step would cost as much as others: all have one ratio
         steps = math.ceil(math.log(whole) / math.log(growth))
         levels = choice.levels_for(goal, whole ** (1.0 / steps))
-    return Marks(levels, choice.singular, points, choice.growth(levels))
+    return Marks(levels, points, apart, choice.growth(levels))
 
 
 class _Choice:
     """The predictions for numbers of divisions of the cells of a mesh."""
 
-    def __init__(self, comm: MPI.Comm, prediction: Prediction, domain: mesh.Mesh):
+    def __init__(self, comm: MPI.Comm, prediction: Prediction, apart: Mask, domain: mesh.Mesh):
         dimension = domain.topology.dim
         far = np.abs(cell_corners(domain)).max(axis=(1, 2))
         room = volumes(domain) ** (1.0 / dimension) / (ROUNDING * far)
@@ -236,8 +252,8 @@ class _Choice:
         child = np.where(self.singular, self.factors, shared)
         self._logarithms, self._steps = np.log(self.parts), -np.log(child)
         room = np.floor(np.log2(np.maximum(room, 1.0)))
-        towards = self.singular & prediction.confirmed
-        self.deepest = np.where(towards, room, np.minimum(DEEP, room))
+        deep = np.where(self.singular & prediction.confirmed, np.inf, DEEP)
+        self.deepest = np.minimum(np.where(apart, LOCATED, deep), room)
         # Bisected cells have other shapes, and the rate of a sup norm is that of the worst one.
         self.finest = np.where(self.singular | sup, 1.0, 1.0 / dimension)
         self.least = self.error(self.deepest)
@@ -298,8 +314,8 @@ class _Choice:
         return float(1.0 + count / old)
 
 
-def _points(domain: mesh.Mesh, parts: Array, singular: Mask) -> tuple[Array, Mask]:
-    """Find the singular points of a mesh; the call is collective.
+def _points(domain: mesh.Mesh, parts: Array, singular: Mask) -> Array:
+    """Find the isolated singular points of a mesh; the call is collective.
 
     Args:
         domain: The mesh.
@@ -307,9 +323,9 @@ def _points(domain: mesh.Mesh, parts: Array, singular: Mask) -> tuple[Array, Mas
         singular: Whether a cell has a slow rate.
 
     Returns:
-        For each owned cell the vertex around which the errors are largest, and whether this vertex
-        is an isolated singular point. Slow cells side by side, which agree on no vertex, lie along
-        a singular line: they are divided like other cells.
+        For each owned cell with a singular point the vertex around which the errors are largest,
+        and infinity for others. Slow cells side by side, which agree on no vertex, lie along a
+        singular line: they are divided like other cells.
     """
     cells = owned_cells(domain)
     vertices = domain.geometry.dofmap[cells]
@@ -324,6 +340,7 @@ def _points(domain: mesh.Mesh, parts: Array, singular: Mask) -> tuple[Array, Mas
     number = domain.geometry.index_map().local_to_global(best[slow]) + 1.0
     count, first, second = (summed_at_vertices(domain, number**k, slow) for k in range(3))
     mixed = np.abs(count * second - first**2) > 0.5
-    isolated = np.zeros(len(parts), dtype=bool)
-    isolated[slow] = ~mixed[vertices[slow]].any(axis=1)
-    return domain.geometry.x[best], isolated
+    isolated = slow[~mixed[vertices[slow]].any(axis=1)]
+    points = np.full((len(parts), 3), np.inf)
+    points[isolated] = domain.geometry.x[best[isolated]]
+    return points

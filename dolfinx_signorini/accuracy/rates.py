@@ -62,6 +62,7 @@ class Rates:
         corners: The rate that theory knows of each cell at a corner; infinity elsewhere.
         at_corners: Whether each cell is at a corner where theory has a slower rate than elsewhere.
         at_points: The rate that data have in each cell with a singular point; infinity elsewhere.
+        ends: For each cell the end of contact that the cell has; infinity for cells without one.
     """
 
     def __init__(self, target: Target, degree: int, count: int, dimension: int):
@@ -75,6 +76,7 @@ class Rates:
         self.at_points: Array = np.full(count, np.inf)
         self.values: Array = np.full(count, SINGULAR * self.order)
         self._known: Mask = np.zeros(count, dtype=bool)
+        self.ends: Array = np.full((count, 3), np.inf)
         self._confirmed: Mask = np.zeros(count, dtype=bool)
         self._measured: Mask = np.zeros(count, dtype=bool)
         # The number of the last divisions that gained nothing.
@@ -132,7 +134,7 @@ class Rates:
         rates = self.values / self._times + 1.0 - at_points
         rho = 2.0 ** -np.where(smooth, self.order, np.clip(rates, SLOWEST, self.order))
         remaining = norms * rho / (1.0 - rho)
-        return Prediction(remaining, rho, singular, self._confirmed, p, p)
+        return Prediction(remaining, rho, singular, self._confirmed, p, p, self.ends)
 
     def prediction(self, cells: Array) -> Prediction:
         """Return what the cells leave in the error of the solution on the divided mesh.
@@ -153,7 +155,8 @@ class Rates:
         at_ends = of_one_sign if sup else 1.0
         remaining = cells * np.where(self._known, at_ends, left)
         singular = self.values < SINGULAR * self.order
-        return Prediction(remaining, rho, singular, self._confirmed, self.power, self.exponent)
+        seen, adding = self._confirmed, (self.power, self.exponent)
+        return Prediction(remaining, rho, singular, seen, *adding, self.ends)
 
     def refine(self, domain: mesh.Mesh, before: Array, marks: Marks, divided: Divided) -> None:
         """Carry the rates to a divided mesh; `measure` may follow.
@@ -173,6 +176,7 @@ class Rates:
         self.at_corners = np.zeros(len(self.values), dtype=bool)
         self.at_points = np.full(len(self.values), np.inf)
         self._known = np.zeros(len(self.values), dtype=bool)
+        self.ends = np.full((len(self.values), 3), np.inf)
         self._domain, self._before = domain, before
         self._marks, self._divided = marks, divided
 

@@ -19,6 +19,7 @@ from dolfinx_signorini import (
 from dolfinx_signorini.accuracy.cells import cell_norms
 from dolfinx_signorini.accuracy.contact_ends import (
     cells_at_contact_ends,
+    places_of_ends,
     rate_at_ends,
     unknown_ends,
 )
@@ -80,6 +81,25 @@ def test_the_cells_are_at_the_end_of_contact(comm, n, degree):
     # In the middle of the contact set, between weak contact and the end, contact goes on.
     middle = (x[:, :, 0].min(axis=1) > 0.2) & (x[:, :, 0].max(axis=1) < 0.5 - 1.5 / n)
     assert not (found & middle & touching).any()
+    problem.destroy()
+
+
+@pytest.mark.parametrize("degree", [1, 2, 4])
+@pytest.mark.parametrize("n", [7, 12])
+def test_the_place_of_an_end_is_known_better_than_the_cell(comm, n, degree):
+    """The paper's solution is in contact up to x = 1/2 on the bottom, also within facets."""
+    sided = SidedMesh(friedrichs_keller(comm, n), {})
+    division = refined(sided)
+    problem = paper_problem(christof_haubner(division.sided.mesh), degree)
+    problem.solve()
+    cells = owned_cells(sided.mesh)
+    here = cells_at_contact_ends(problem, division.parents, len(cells))
+    places = places_of_ends(problem, sided.mesh, here)
+    x = sided.mesh.geometry.x[sided.mesh.geometry.dofmap[cells[here]]]
+    at_end = np.linalg.norm(x - [0.5, 0.0, 0.0], axis=2).min(axis=1) < 0.7 / n
+    assert comm.allreduce(int(at_end.sum())) > 0
+    # Half of the distance of nodes on the divided mesh.
+    assert np.abs(places[at_end] - [0.5, 0.0, 0.0]).max(initial=0.0) < 0.26 / (n * degree)
     problem.destroy()
 
 

@@ -14,9 +14,10 @@ from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
 N = 8
 
 
-def prediction(remaining, rates, singular, power=2.0, exponent=None):
+def prediction(remaining, rates, singular, power=2.0, exponent=None, ends=None):
     exponent = power if exponent is None else exponent
-    return Prediction(remaining, 2.0**-rates, singular, singular, power, exponent)
+    ends = np.full((len(rates), 3), np.inf) if ends is None else ends
+    return Prediction(remaining, 2.0**-rates, singular, singular, power, exponent, ends)
 
 
 def corners(sided):
@@ -71,7 +72,7 @@ def test_cells_are_as_small_as_their_marks_say_and_hardly_smaller(comm, dimensio
     middle = corners(sided).mean(axis=1)
     size, cells = volumes(sided.mesh), len(owned_cells(sided.mesh))
     bisections = np.rint(2 * dimension * np.clip(1.2 - 2.0 * np.linalg.norm(middle, axis=1), 0, 1))
-    marks = Marks(bisections / dimension, np.zeros(cells, bool), np.zeros((cells, 3)))
+    marks = Marks(bisections / dimension, np.full((cells, 3), np.inf), np.zeros(cells, bool))
     divided = marks.apply(sided)
     halvings = np.log2(divided.owners.of(size) / volumes(divided.sided.mesh))
     assert divided.levels == pytest.approx(halvings / dimension, abs=1e-3)
@@ -179,6 +180,27 @@ def test_a_cell_is_divided_towards_its_singular_point(comm):
     assert size[there] == pytest.approx(4.0**-deepest / N**2, rel=1e-9)
     assert count(comm, divided.sided) < 2 * N**2 + 100 * deepest
     assert (divided.away == (divided.owners.of(at) & ~there)).all()
+
+
+@pytest.mark.parametrize("place", [0.5 + 0.3 / N, 0.5 + 0.5 / N, 0.5])
+def test_cells_are_divided_towards_an_end_of_contact_between_their_vertices(comm, place):
+    sided, _middle = square(comm)
+    end = np.array([place, 0.0, 0.0])
+    at = np.linalg.norm(corners(sided) - end, axis=2).min(axis=1) < 0.7 / N
+    values, rates = np.where(at, 1.0, 1e-4), np.where(at, 0.5, 3.0)
+    ends = np.where(at[:, None], end, np.inf)
+    unseen = np.zeros(len(at), dtype=bool)
+    foreseen = Prediction(values, 2.0**-rates, at, unseen, 2.0, 2.0, ends)
+    marks = mark(sided, foreseen, 0.05, 5.0)
+    assert (marks.levels[at] == marking.LOCATED).all() and (marks.singular == at).all()
+    divided = marks.apply(sided)
+    x, size = corners(divided.sided), volumes(divided.sided.mesh)
+    # Cells with the end, or as near to the end as their size, are as small as the marks say.
+    near = np.linalg.norm(x - end, axis=2).min(axis=1) < 0.7 * np.sqrt(size)
+    assert comm.allreduce(int(near.sum())) > 0
+    assert size[near] == pytest.approx(4.0**-marking.LOCATED / N**2, rel=1e-9)
+    assert count(comm, divided.sided) < 2 * N**2 + 40 * marking.LOCATED
+    assert not divided.away[near].any()
 
 
 def test_cells_at_the_limit_of_rounding_are_not_divided(comm, monkeypatch):

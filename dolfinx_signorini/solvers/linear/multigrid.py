@@ -4,9 +4,10 @@ Coarse matrices are Galerkin products. A held dof has no row in the matrix that 
 made of: so the prolongations are truncated at the active set, without being changed. A cycle takes
 one Gauss-Seidel sweep forward on the finest level on the way down, and one backward on the way up.
 Coarser levels sweep there and back both times: they cost little, and coarse functions that reach
-over the ends of the active set make them the slowest. So the cycle is symmetric. Sweeps leave out what couples ranks, and for bodies have a larger diagonal where this coupling
-outweighs the diagonal. A Cholesky factorization takes care of the coarsest level, or BoomerAMG
-where many nodes are left.
+over the ends of the active set make them the slowest. So the cycle is symmetric. Sweeps leave out
+what couples ranks, and for bodies have a larger diagonal where this coupling outweighs the
+diagonal. A Cholesky factorization takes care of the coarsest level, or BoomerAMG where many nodes
+are left.
 
 Source: Kornhuber, Numer. Math. 69 (1994) 167-184, for the truncation.
 """
