@@ -13,6 +13,7 @@ from dataclasses import replace
 from typing import Any
 
 from dolfinx import fem
+from dolfinx.mesh import Mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import volumes
@@ -89,7 +90,8 @@ class Loop:
         early: Whether solves may stop where the discretisation error hides the rest; never where a
             residual is asked for.
         stopped: Why the loop ended.
-        keywords: The keywords of the next solves.
+        share: What solves may leave, relative to the solution.
+        keywords: The keywords of the last solve.
     """
 
     problem: BoundConstrainedProblem
@@ -119,7 +121,7 @@ class Loop:
         self.steps: list[Step] = []
         self.notes: list[str] = []
         self.rounded, self.early, self.stopped = False, request.rtol is None, ""
-        self.keywords: dict[str, Any] = {} if self.early else {"rtol": request.rtol}
+        self.share, self.keywords = math.inf, dict[str, Any]()
 
     def run(self) -> None:
         """Solve, solve on the divided mesh, estimate, mark and refine until the loop ends.
@@ -168,7 +170,7 @@ class Loop:
         start: Callable[[BoundConstrainedProblem], fem.Function] | None = None,
     ) -> None:
         """Solve on a mesh, to the residual that is asked for or to the one that rounding allows."""
-        keywords = self.keywords
+        self.keywords = keywords = self._keywords_on(sided.mesh)
         solve: Callable[..., object] = functools.partial(self._cascade.solve, sided, start)
         while True:
             try:
@@ -200,7 +202,7 @@ class Loop:
         spoilt, best = self.stopped.startswith((ROUNDED, CURVES)), self.best.division.sided
         if not spoilt or self.problem.space.mesh is best.mesh:
             return
-        self.last, self.pose, self.keywords = self.best, self.best.pose, dict(self.best.keywords)
+        self.last, self.pose, self.share = self.best, self.best.pose, self.best.share
 
         def start(problem: BoundConstrainedProblem) -> fem.Function:
             found = fem.Function(problem.space)
@@ -263,21 +265,16 @@ class Loop:
         """Note the step, after which the algebraic error is to be far below the estimate."""
         self.whole = size(self.problem.u, self.request.target)
         if self.whole > 0.0:
-            share = self._share_in_derivatives()
-            rtol = SHARE * estimate / self.whole * share
-            self.rounded = rtol < tolerances.ROUNDING
+            self.share = SHARE * estimate / self.whole
+            loss = self._loss_on(self.division.sided.mesh)
+            self.rounded = self.share < tolerances.ROUNDING * loss
             # The stop of a solve by default looks at values, and neither at derivatives nor at a
             # functional in which the errors of the elements cancel.
-            self.early &= share == 1.0 and self.estimator.found.algebra <= SHARE * estimate
-            free = self.early and rtol >= DEFAULT_RTOL
-            # Half of the share: no estimate of a norm has what a solve leaves.
-            most = self.request.rtol or DEFAULT_RTOL
-            rtol = min(max(0.5 * rtol, tolerances.ROUNDING), most)
-            self.keywords = {} if free else {"rtol": rtol}
+            self.early &= loss == 1.0 and self.estimator.found.algebra <= SHARE * estimate
         seconds = self.comm.bcast(time.perf_counter() - self.began)
         step = Step(self.problem.unknowns, estimate, seconds)
         values, remaining = self.problem.u.x.array.copy(), self.estimator.prediction.remaining
-        self.last = Result(step, self.division, values, remaining, self.keywords, self.pose)
+        self.last = Result(step, self.division, values, remaining, self.share, self.pose)
         if not self.steps or estimate < self.best.step.estimate:
             self.best = self.last
         self._tell(step)
@@ -288,19 +285,43 @@ class Loop:
         with together(self.comm, "on_step"):
             self.on_step(step)
 
-    def _share_in_derivatives(self) -> float:
-        """By what an algebraic error is to be smaller so that derivatives in L^p, p > d, are right.
+    def _keywords_on(self, domain: Mesh) -> dict[str, Any]:
+        """The keywords of a solve on a mesh, whose smallest cells tell what may be left."""
+        most = self.request.rtol or DEFAULT_RTOL
+        rtol = self.share / self._loss_on(domain)
+        if self.early and rtol >= DEFAULT_RTOL:
+            return {}
+        # Half of the share: no estimate of a norm has what a solve leaves.
+        return {"rtol": min(max(0.5 * rtol, tolerances.ROUNDING), most)}
 
-        On the smallest cells, of size h in d dimensions, differences of values are divided by h,
-        which is h^(d/p - 1) in the norm.
+    @property
+    def _lost(self) -> float:
+        """The power of 1/h that derivatives in L^p, p > d, lose of an error of values; or 0.
+
+        On cells of size h in d dimensions, differences of values are divided by h, which is
+        h^(d/p - 1) in the norm.
         """
-        norm, domain = self.request.target.norm, self.sided.mesh
-        dim = domain.topology.dim
-        if norm is None or norm.derivatives == 0 or norm.p <= dim:
-            return 1.0
-        smallest = float(volumes(domain).min(initial=math.inf)) ** (1.0 / dim)
+        norm, dim = self.request.target.norm, self.sided.mesh.topology.dim
+        if norm is None or norm.derivatives == 0:
+            return 0.0
+        return max(1.0 - dim / norm.p, 0.0)
+
+    def _loss_on(self, domain: Mesh) -> float:
+        """By how much the smallest cells raise the share of an algebraic error in derivatives."""
+        smallest = float(volumes(domain).min(initial=math.inf)) ** (1.0 / domain.topology.dim)
         smallest = self.comm.allreduce(smallest, op=MPI.MIN)
-        return float((smallest / longest_side(domain)) ** (1.0 - dim / norm.p))
+        return float((longest_side(domain) / smallest) ** self._lost)
+
+    def _smallest_size(self) -> float:
+        """The size of cells on which rounding leaves in derivatives what is asked for; 0 for none.
+
+        Divisions beyond that raise the error.
+        """
+        asked = self.request.accuracy or self.steps[-1].estimate
+        if self._lost == 0.0 or asked >= self.whole:
+            return 0.0
+        share = (tolerances.ROUNDING * self.whole / asked) ** (1.0 / self._lost)
+        return float(share * longest_side(self.sided.mesh))
 
     def _next_mesh(self) -> Divided | None:
         """Divide the mesh for the next step; None, with the reason, if the loop ends here."""
@@ -333,7 +354,8 @@ class Loop:
             if growth < SAFETY:
                 return None
             predictions = self.estimator.predictions
-            marks = mark_for_all(self.sided, predictions, goal, min(growth, GROWTH))
+            growth, smallest = min(growth, GROWTH), self._smallest_size()
+            marks = mark_for_all(self.sided, predictions, goal, growth, smallest)
             if not highest(self.comm, marks.levels) > 0.0:
                 self.stopped = f"{ROUNDED}: the cells with the error cannot be divided any more"
                 return None

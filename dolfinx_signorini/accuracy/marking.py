@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from dolfinx import mesh
-from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import summed_at_vertices, volumes
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
@@ -187,7 +186,11 @@ def _rounded_up(levels: Array, multiple: Array | float) -> Array:
 
 
 def mark_for_all(
-    sided: SidedMesh, predictions: Sequence[Prediction], goal: float, growth: float
+    sided: SidedMesh,
+    predictions: Sequence[Prediction],
+    goal: float,
+    growth: float,
+    smallest: float = 0.0,
 ) -> Marks:
     """Choose how often to divide cells so that several errors fall, the first ones first.
 
@@ -195,10 +198,11 @@ def mark_for_all(
         sided, goal: See `mark`.
         predictions: What the cells leave in each of the errors.
         growth: The largest ratio of the numbers of cells, of which later errors have the rest.
+        smallest: See `mark`.
     """
-    marks = mark(sided, predictions[0], goal, growth)
+    marks = mark(sided, predictions[0], goal, growth, smallest)
     for prediction in predictions[1:]:
-        other = mark(sided, prediction, goal, max(growth - marks.growth + 1.0, 1.0))
+        other = mark(sided, prediction, goal, max(growth - marks.growth + 1.0, 1.0), smallest)
         deeper = other.levels > marks.levels
         marks = Marks(
             np.where(deeper, other.levels, marks.levels),
@@ -209,7 +213,9 @@ def mark_for_all(
     return marks
 
 
-def mark(sided: SidedMesh, prediction: Prediction, goal: float, growth: float) -> Marks:
+def mark(
+    sided: SidedMesh, prediction: Prediction, goal: float, growth: float, smallest: float = 0.0
+) -> Marks:
     """Choose how often to divide the cells of a mesh; the call is collective.
 
     Args:
@@ -217,13 +223,13 @@ def mark(sided: SidedMesh, prediction: Prediction, goal: float, growth: float) -
         prediction: What the cells leave in the error, and how fast that falls.
         goal: By how much the error is to be multiplied, in this step or in several ones.
         growth: The largest ratio of the numbers of cells.
+        smallest: No cell is to become smaller.
     """
-    comm = sided.mesh.comm
     points = _points(sided.mesh, prediction.remaining, prediction.singular)
     apart = prediction.singular & np.isfinite(prediction.ends[:, 0])
     points[apart] = prediction.ends[apart]
     towards = replace(prediction, singular=np.isfinite(points[:, 0]))
-    choice = _Choice(comm, towards, apart, sided.mesh)
+    choice = _Choice(sided.mesh, towards, apart, smallest)
     levels = choice.levels_for(goal, math.inf)
     whole = choice.growth(levels)
     if whole > growth > 1.0:  # a short last step would cost as much as others: all have one ratio
@@ -235,11 +241,11 @@ def mark(sided: SidedMesh, prediction: Prediction, goal: float, growth: float) -
 class _Choice:
     """The predictions for numbers of divisions of the cells of a mesh."""
 
-    def __init__(self, comm: MPI.Comm, prediction: Prediction, apart: Mask, domain: mesh.Mesh):
-        dimension = domain.topology.dim
+    def __init__(self, domain: mesh.Mesh, prediction: Prediction, apart: Mask, smallest: float):
+        dimension, self.comm = domain.topology.dim, domain.comm
         far = np.abs(cell_corners(domain)).max(axis=(1, 2))
-        room = volumes(domain) ** (1.0 / dimension) / (ROUNDING * far)
-        self.comm, self.singular, self.power = comm, prediction.singular, prediction.power
+        room = volumes(domain) ** (1.0 / dimension) / np.maximum(ROUNDING * far, smallest)
+        self.singular, self.power = prediction.singular, prediction.power
         self.dimension, remaining = dimension, prediction.remaining
         largest = highest(self.comm, remaining) or 1.0
         sup = math.isinf(self.power)

@@ -1,8 +1,7 @@
 """The request to the adaptive loop, and the result of each of its steps."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.base.arrays import Array
@@ -43,14 +42,14 @@ def step_line(step: Step) -> str:
 class Result:
     """What a step of the loop came to:
 
-        result = Result(step, division, values, remaining, keywords={}, pose=pose)
+        result = Result(step, division, values, remaining, share=1e-6, pose=pose)
 
     Attributes:
         step: The step.
         division: The division of the mesh, on which the better solution is.
         values: The dofs of this solution on this rank, ghosts included.
         remaining: What each owned cell of the mesh leaves in the error of this solution.
-        keywords: The keywords of the solve.
+        share: What further solves may leave, relative to the solution.
         pose: What posed the problem.
     """
 
@@ -58,7 +57,7 @@ class Result:
     division: Refinement
     values: Array
     remaining: Array
-    keywords: Mapping[str, Any]
+    share: float
     pose: Pose
 
 

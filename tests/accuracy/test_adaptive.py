@@ -1,5 +1,7 @@
 """The adaptive loop on a user's own forms and meshes, for solutions that are known."""
 
+from unittest import mock
+
 import numpy as np
 import pytest
 import ufl
@@ -8,16 +10,22 @@ from scipy.integrate import quad
 from ufl.domain import extract_unique_domain
 
 from dolfinx_signorini import SignoriniProblem
+from dolfinx_signorini.accuracy import adaptive, loop
 from dolfinx_signorini.accuracy.adaptive import solve_adaptively
 from dolfinx_signorini.accuracy.indicators import indicators
 from dolfinx_signorini.accuracy.loop import _unknowns
 from dolfinx_signorini.accuracy.targets import checked_target, target
 from dolfinx_signorini.accuracy.terms import Solution, Solved, difference
 from dolfinx_signorini.base.errors import InputError
-from dolfinx_signorini.base.tolerances import PRECISION
+from dolfinx_signorini.base.tolerances import PRECISION, ROUNDING
 from dolfinx_signorini.meshes.box_meshes import box_mesh, friedrichs_keller
 from dolfinx_signorini.meshes.refinement import Transfer, refined
-from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets, owned_cells
+from dolfinx_signorini.meshes.sided_meshes import (
+    SidedMesh,
+    boundary_facets,
+    longest_side,
+    owned_cells,
+)
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.references import Reference
 
@@ -412,6 +420,33 @@ def test_a_functional_that_tells_nothing_is_refused(comm, functional, word):
 def test_an_accuracy_or_a_budget_is_needed(comm):
     with pytest.raises(InputError, match="accuracy or a budget"):
         solve_adaptively(poser(), square(comm))
+
+
+@pytest.mark.parametrize(
+    ("norm", "lost"), [("W1_inf", 1.0), ("W1_4", 0.5), ("H1", 0.0), ("L4", 0.0)]
+)
+def test_smaller_cells_ask_for_smaller_residuals_where_derivatives_do(comm, norm, lost):
+    """A difference over h^(1 - d/p): the residual of a solve is that of its own mesh."""
+    loops = []
+
+    class Watched(loop.Loop):
+        def __init__(self, *args):
+            super().__init__(*args)
+            loops.append(self)
+
+    with mock.patch.object(adaptive, "Loop", Watched):
+        found = solve_adaptively(poser(2), square(comm), norm=norm, accuracy=0.3, rtol=1e-3)
+    (used,), fine = loops, refined(refined(found.sided).sided).sided
+    used.share = 1e-6
+    rtol, finer = (used._keywords_on(part.mesh)["rtol"] for part in (found.sided, fine))
+    assert rtol / finer == pytest.approx(4.0**lost, rel=1e-9)
+    # Cells as small as that have rounding as large as what is asked for, and smaller ones more.
+    smallest = used._smallest_size()
+    assert (smallest > 0.0) == (lost > 0.0)
+    if lost:
+        rounded = ROUNDING * used.whole * (longest_side(found.sided.mesh) / smallest) ** lost
+        assert rounded == pytest.approx(0.3, rel=1e-9)
+    found.problem.destroy()
 
 
 def test_a_loop_that_has_come_to_rounding_ends(comm):

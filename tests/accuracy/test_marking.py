@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.accuracy import marking
 from dolfinx_signorini.accuracy.cells import volumes
-from dolfinx_signorini.accuracy.marking import Marks, Prediction, mark, mark_worst
+from dolfinx_signorini.accuracy.marking import Marks, Prediction, mark, mark_for_all, mark_worst
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
 
@@ -211,6 +211,15 @@ def test_cells_at_the_limit_of_rounding_are_not_divided(comm, monkeypatch):
         monkeypatch.setattr(marking, "ROUNDING", smallest)
         marks = mark(sided, prediction(values, rates, at), 0.05, 5.0)
         assert comm.allreduce(int(marks.levels.max(initial=0)), op=MPI.MAX) == deepest
+
+
+@pytest.mark.parametrize(("smallest", "deepest"), [(0.02, 2), (0.2, 0)])
+def test_no_cell_becomes_smaller_than_it_may(comm, smallest, deepest):
+    sided, _middle = square(comm)
+    at = at_centre(sided)
+    values, rates = np.where(at, 1.0, 1e-4), np.where(at, 0.5, 3.0)
+    marks = mark_for_all(sided, [prediction(values, rates, at)], 0.05, 5.0, smallest)
+    assert comm.allreduce(int(marks.levels.max(initial=0)), op=MPI.MAX) == deepest
 
 
 def test_a_singular_line_is_no_point(comm):
