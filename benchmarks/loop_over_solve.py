@@ -4,10 +4,11 @@
     ./with-dolfinx python3 benchmarks/loop_over_solve.py --only 3   # one row of the table
     ./with-dolfinx python3 benchmarks/loop_over_solve.py --profile 3  # the functions of this row
 
-Scenes of `request_scenes.py` with requests that end with about 50,000 unknowns or more. All is measured after a
-run that compiles the forms, in seconds of the processor, which other programs disturb least. The
-last mesh alone is posed and solved twice from nothing, and twice with the contact set at hand: the
-least of these counts. The shares of the loop leave out what other columns name.
+Scenes of `request_scenes.py` with requests that end with about 50,000 unknowns or more. All is
+measured after a run that compiles the forms, in seconds of the processor, which other programs
+disturb least. The last mesh alone is posed and solved twice from nothing, and twice with the
+contact set at hand: the least of these counts. The shares of the loop leave out what other columns
+name.
 """
 
 import argparse

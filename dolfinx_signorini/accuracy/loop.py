@@ -308,6 +308,8 @@ class Loop:
 
     def _loss_on(self, domain: Mesh) -> float:
         """By how much the smallest cells raise the share of an algebraic error in derivatives."""
+        if self._lost == 0.0:
+            return 1.0
         smallest = float(volumes(domain).min(initial=math.inf)) ** (1.0 / domain.topology.dim)
         smallest = self.comm.allreduce(smallest, op=MPI.MIN)
         return float((longest_side(domain) / smallest) ** self._lost)

@@ -75,8 +75,8 @@ class Rates:
         self.at_corners: Mask = np.zeros(count, dtype=bool)
         self.at_points: Array = np.full(count, np.inf)
         self.values: Array = np.full(count, SINGULAR * self.order)
-        self._known: Mask = np.zeros(count, dtype=bool)
         self.ends: Array = np.full((count, 3), np.inf)
+        self._known: Mask = np.zeros(count, dtype=bool)
         self._confirmed: Mask = np.zeros(count, dtype=bool)
         self._measured: Mask = np.zeros(count, dtype=bool)
         # The number of the last divisions that gained nothing.
@@ -155,8 +155,8 @@ class Rates:
         at_ends = of_one_sign if sup else 1.0
         remaining = cells * np.where(self._known, at_ends, left)
         singular = self.values < SINGULAR * self.order
-        seen, adding = self._confirmed, (self.power, self.exponent)
-        return Prediction(remaining, rho, singular, seen, *adding, self.ends)
+        powers = self.power, self.exponent
+        return Prediction(remaining, rho, singular, self._confirmed, *powers, self.ends)
 
     def refine(self, domain: mesh.Mesh, before: Array, marks: Marks, divided: Divided) -> None:
         """Carry the rates to a divided mesh; `measure` may follow.

@@ -101,7 +101,7 @@ def rough_step(
     rtol: float,
     last: bool,
 ) -> tuple[Mask, bool]:
-    """Improve x by conjugate gradients and a sweep.
+    """Improve x by an iteration of conjugate gradients and a sweep, or by all iterations.
 
     Conjugate gradients for a set that is far from the right one raise the residual.
 
