@@ -117,7 +117,7 @@ def alone(found: Any, used: loop.Loop) -> float:
     for coarse in 2 * [None, found.problem.contact_state()]:
         began = time.process_time()
         problem = used.pose(found.sided)
-        problem.solve(coarse=coarse, **used.keywords)
+        problem.solve(coarse=coarse, **used.keywords_on(found.sided.mesh))
         taken.append(time.process_time() - began)
         problem.destroy()
     return COMM.allreduce(min(taken), op=MPI.MAX)

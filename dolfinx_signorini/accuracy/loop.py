@@ -91,7 +91,6 @@ class Loop:
             residual is asked for.
         stopped: Why the loop ended.
         share: What solves may leave, relative to the solution.
-        keywords: The keywords of the last solve.
     """
 
     problem: BoundConstrainedProblem
@@ -121,7 +120,7 @@ class Loop:
         self.steps: list[Step] = []
         self.notes: list[str] = []
         self.rounded, self.early, self.stopped = False, request.rtol is None, ""
-        self.share, self.keywords = math.inf, dict[str, Any]()
+        self.share = math.inf
 
     def run(self) -> None:
         """Solve, solve on the divided mesh, estimate, mark and refine until the loop ends.
@@ -170,7 +169,7 @@ class Loop:
         start: Callable[[BoundConstrainedProblem], fem.Function] | None = None,
     ) -> None:
         """Solve on a mesh, to the residual that is asked for or to the one that rounding allows."""
-        self.keywords = keywords = self._keywords_on(sided.mesh)
+        keywords = self.keywords_on(sided.mesh)
         solve: Callable[..., object] = functools.partial(self._cascade.solve, sided, start)
         while True:
             try:
@@ -285,7 +284,7 @@ class Loop:
         with together(self.comm, "on_step"):
             self.on_step(step)
 
-    def _keywords_on(self, domain: Mesh) -> dict[str, Any]:
+    def keywords_on(self, domain: Mesh) -> dict[str, Any]:
         """The keywords of a solve on a mesh, whose smallest cells tell what may be left."""
         most = self.request.rtol or DEFAULT_RTOL
         rtol = self.share / self._loss_on(domain)

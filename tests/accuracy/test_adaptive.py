@@ -438,7 +438,7 @@ def test_smaller_cells_ask_for_smaller_residuals_where_derivatives_do(comm, norm
         found = solve_adaptively(poser(2), square(comm), norm=norm, accuracy=0.3, rtol=1e-3)
     (used,), fine = loops, refined(refined(found.sided).sided).sided
     used.share = 1e-6
-    rtol, finer = (used._keywords_on(part.mesh)["rtol"] for part in (found.sided, fine))
+    rtol, finer = (used.keywords_on(part.mesh)["rtol"] for part in (found.sided, fine))
     assert rtol / finer == pytest.approx(4.0**lost, rel=1e-9)
     # Cells as small as that have rounding as large as what is asked for, and smaller ones more.
     smallest = used._smallest_size()
