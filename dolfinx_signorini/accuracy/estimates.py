@@ -159,13 +159,12 @@ class Estimator:
     def _look_at_data(self, solved: Solved) -> None:
         """Find the rates at singular points of data; dual solutions are smooth there."""
         corners = cell_corners(solved.coarse.u.function_space.mesh)
-        exponents = np.full((2, solved.count), SMOOTH)
+        exponents = np.full(solved.count, SMOOTH)
         for point in self._singular:
-            for row, here in zip(exponents, point.places(corners), strict=True):
-                row[here] = np.minimum(row[here], point.exponent)
-        inside, at_vertices = self._target.singular_order(exponents, exponents)
-        self.rates.at_points = inside
-        self.rates.corners = np.minimum(self.rates.corners, at_vertices)
+            here = point.is_vertex_of(corners)
+            exponents[here] = np.minimum(exponents[here], point.exponent)
+        known = self._target.singular_order(exponents, exponents)
+        self.rates.corners = np.minimum(self.rates.corners, known)
 
     @property
     def doubt(self) -> str:

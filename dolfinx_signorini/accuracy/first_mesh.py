@@ -96,7 +96,8 @@ def first_mesh(
     resolved = resolved_mesh(known, fitted, most)
     # Narrow layers are found by `resolved_mesh` only.
     singular = () if stiffness else singular_points_of(known, sided)
-    return replace(resolved, sided=fit(resolved.sided), singular=singular)
+    made = fit(resolved.sided, points=[point.place for point in singular])
+    return replace(resolved, sided=made, singular=singular)
 
 
 def singular_points_of(data: Sequence[Datum], sided: SidedMesh) -> tuple[SingularPoint, ...]:

@@ -61,7 +61,6 @@ class Rates:
         values: The rate of each owned cell.
         corners: The rate that theory knows of each cell at a corner; infinity elsewhere.
         at_corners: Whether each cell is at a corner where theory has a slower rate than elsewhere.
-        at_points: The rate that data have in each cell with a singular point; infinity elsewhere.
         ends: For each cell the end of contact that the cell has; infinity for cells without one.
     """
 
@@ -73,7 +72,6 @@ class Rates:
         self._in_slopes = target.norm is not None and target.norm.derivatives > 0.0
         self.corners: Array = np.full(count, np.inf)
         self.at_corners: Mask = np.zeros(count, dtype=bool)
-        self.at_points: Array = np.full(count, np.inf)
         self.values: Array = np.full(count, SINGULAR * self.order)
         self.ends: Array = np.full((count, 3), np.inf)
         self._known: Mask = np.zeros(count, dtype=bool)
@@ -96,15 +94,12 @@ class Rates:
     def assume(self, resolved: Mask) -> None:
         """Take cells whose rates have not been measured to be smooth where they look so.
 
-        Where the singular point of data lies in a cell is chance, and so is what is measured there.
-
         Args:
             resolved: Whether a cell looks smooth, see `Indicators`.
         """
         slow = np.minimum(_of_theory(self.corners), SINGULAR * self.order)
         unknown = np.where(resolved, self.order, slow)
-        values = np.where(self._measured, self.values, unknown)
-        self.values = np.minimum(values, _of_theory(self.at_points))
+        self.values = np.where(self._measured, self.values, unknown)
 
     @property
     def singular_corners(self) -> Mask:
@@ -174,7 +169,6 @@ class Rates:
         self._stood = np.where(divided.away, 0, divided.owners.of(self._stood))
         self.corners = np.full(len(self.values), np.inf)
         self.at_corners = np.zeros(len(self.values), dtype=bool)
-        self.at_points = np.full(len(self.values), np.inf)
         self._known = np.zeros(len(self.values), dtype=bool)
         self.ends = np.full((len(self.values), 3), np.inf)
         self._domain, self._before = domain, before

@@ -14,13 +14,13 @@ from dolfinx_signorini.base.arrays import Array, Mask
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode, evaluated, nodes, squares
 from dolfinx_signorini.meshes.jacobians import inverses
-from dolfinx_signorini.meshes.polynomials import barycentric, depths
+from dolfinx_signorini.meshes.polynomials import depths
 
 
 class SingularPoint(NamedTuple):
     """A point around which a function is like a power of the distance:
 
-        inside, at_vertex = SingularPoint((0.5, 0.0), 1.5).places(cell_corners(domain))
+        around = SingularPoint((0.5, 0.0), 1.5).is_vertex_of(cell_corners(domain))
 
     Attributes:
         place: The point.
@@ -30,18 +30,14 @@ class SingularPoint(NamedTuple):
     place: tuple[float, ...]
     exponent: float
 
-    def places(self, corners: Array) -> tuple[Mask, Mask]:
-        """Return whether the point is in triangles or on their sides, and whether at a vertex.
+    def is_vertex_of(self, corners: Array) -> Mask:
+        """Return whether the point is a vertex of triangles.
 
         Args:
             corners: The vertices of the triangles, shape (triangles, 3, 2).
         """
-        sides = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
-        away = np.array(self.place) - corners[:, 0]
-        shares = np.einsum("tij,tj->ti", inverses(sides), away)
-        here = depths(shares) >= -HALF_OF_THE_DIGITS
-        there = barycentric(shares).max(axis=1) > 1.0 - HALF_OF_THE_DIGITS
-        return here & ~there, here & there
+        away = np.linalg.norm(corners - np.array(self.place), axis=2)
+        return np.asarray(away.min(axis=1) < HALF_OF_THE_DIGITS * away.max(axis=1))
 
 
 class Powers(NamedTuple):

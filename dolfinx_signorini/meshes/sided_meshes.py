@@ -84,13 +84,23 @@ class SidedMesh:
             The combinations, the same on all ranks, shape (combinations, sides), and for each of
             the facets the number of its combination.
         """
-        marks = np.array([np.isin(facets, on) for on in self.sides.values()], dtype=bool)
-        marks = marks.reshape(len(self.sides), len(facets)).T
-        own = self.mesh.comm.allgather(np.unique(marks, axis=0))
-        found = np.unique(np.concatenate(own), axis=0)
-        both = np.concatenate((found, marks))
-        numbers = np.unique(both, axis=0, return_inverse=True)[1].ravel()
-        return found, numbers[len(found) :]
+        return _combinations(self.mesh.comm, self.sides, facets)
+
+    def combinations_of_regions(self) -> tuple[Mask, Indices]:
+        """Return the same of regions and of all owned cells; the call is collective."""
+        return _combinations(self.mesh.comm, self.regions, owned_cells(self.mesh))
+
+
+def _combinations(
+    comm: MPI.Comm, parts: Mapping[str, LocalIndices], entities: LocalIndices
+) -> tuple[Mask, Indices]:
+    marks = np.array([np.isin(entities, part) for part in parts.values()], dtype=bool)
+    marks = marks.reshape(len(parts), len(entities)).T
+    own = comm.allgather(np.unique(marks, axis=0))
+    found = np.unique(np.concatenate(own), axis=0)
+    both = np.concatenate((found, marks))
+    numbers = np.unique(both, axis=0, return_inverse=True)[1].ravel()
+    return found, numbers[len(found) :]
 
 
 def gmsh_mesh(model: Any, comm: MPI.Comm, dimension: int) -> tuple[mesh.Mesh, mesh.MeshTags]:

@@ -14,9 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
-from dolfinx_signorini.base.tolerances import SOLVED
+from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, SOLVED
 from dolfinx_signorini.data.interfaces.interface import Interface
 from dolfinx_signorini.data.interfaces.pieces import widths
+from dolfinx_signorini.meshes.jacobians import inverses
+from dolfinx_signorini.meshes.polynomials import barycentric
 
 NEAR = 0.4  # of an edge: vertices that are nearer to a zero are moved
 SHAPE = 0.3  # of a cell, over its shape before: moves that leave less are given up
@@ -27,20 +29,23 @@ THIN = 0.1  # of a cell: what a curve may cut off
 class Simplices:
     """A whole mesh on one rank, to be fitted to the zeros of a function:
 
-        whole = fitted(Simplices(x, cells, facets, sides, np.zeros(len(x), dtype=bool)), interface)
+        fixed = np.zeros(len(x), dtype=bool)
+        whole = fitted(Simplices(x, cells, facets, sides, regions, fixed), interface)
 
     Attributes:
         x: The vertices, shape (vertices, dimension).
         cells: The numbers of the vertices of each cell.
-        facets: The numbers of the vertices of each facet of the boundary.
-        sides: For each of these facets a number that stands for its sides.
-        fixed: Whether a vertex is on zeros that the mesh has been fitted to.
+        facets: The numbers of the vertices of each facet of the boundary, and between regions.
+        sides: For each of these facets a number that stands for its sides, or for the regions.
+        regions: For each cell a number that stands for its regions.
+        fixed: Whether a vertex is what the mesh has been fitted to, or on such zeros.
     """
 
     x: Array
     cells: Indices
     facets: Indices
     sides: Indices
+    regions: Indices
     fixed: Mask
 
 
@@ -70,6 +75,52 @@ def fitted(whole: Simplices, interface: Interface) -> Simplices:
     return replace(result, fixed=fixed) if thin else whole
 
 
+def with_vertex(whole: Simplices, point: Array) -> Simplices:
+    """Return a mesh with a vertex at a point.
+
+    The nearest corner of the cell around the point is moved there, where that leaves cells their
+    shapes and the boundary its sides. Elsewhere cells are bisected first, at edges that no cell
+    around has a longer one than.
+
+    Args:
+        whole: The mesh.
+        point: The point, shape (dimension,).
+
+    Returns:
+        The mesh itself where the point is in no cell.
+    """
+    while True:
+        away = np.linalg.norm(whole.x - point, axis=1)
+        if away.min() <= HALF_OF_THE_DIGITS * np.ptp(whole.x, axis=0).max():
+            return replace(whole, fixed=whole.fixed | (away == away.min()))
+        corners = whole.x[whole.cells]
+        edges = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
+        shares = barycentric(np.einsum("cij,cj->ci", inverses(edges), point - corners[:, 0]))
+        cell = shares.min(axis=1).argmax()
+        if shares[cell].min() < -SOLVED:
+            return whole
+        whole, moved = _onto(whole, whole.cells[cell, shares[cell].argmax(), None], point[None])
+        if not moved.any():
+            whole = _split(whole, _longest_edge(whole, cell)[None], np.array([0.5]))
+            whole = replace(whole, fixed=np.append(whole.fixed, False))
+
+
+def _longest_edge(whole: Simplices, cell: np.int64) -> Indices:
+    """The edge at the end of a path of longest edges, which no cell around has a longer one than.
+
+    Source: Rivara, New longest-edge algorithms for the refinement and/or improvement of
+    unstructured triangulations, Int. J. Numer. Meth. Engng 40 (1997) 3313-3324.
+    """
+    around, edge, length = np.array([cell]), whole.cells[cell, :2], 0.0
+    while True:
+        pairs = np.concatenate(_edges(np.sort(whole.cells[around], axis=1)))
+        lengths = np.linalg.norm(whole.x[pairs[:, 0]] - whole.x[pairs[:, 1]], axis=1)
+        if lengths.max() <= (1.0 + SOLVED) * length:
+            return edge
+        edge, length = pairs[lengths.argmax()], lengths.max()
+        around = np.flatnonzero(np.isin(whole.cells, edge).sum(axis=1) == 2)
+
+
 def _cuts(whole: Simplices, interface: Interface, on: Mask) -> tuple[Indices, Array]:
     """Find the edges that cross an interface.
 
@@ -82,9 +133,7 @@ def _cuts(whole: Simplices, interface: Interface, on: Mask) -> tuple[Indices, Ar
         The ends of the edges, shape (edges, 2), in the order of their numbers, and where the zeros
         are, as shares of the edges from the first end.
     """
-    corners = range(whole.cells.shape[1])
-    pairs = [whole.cells[:, pair] for pair in itertools.combinations(corners, 2)]
-    edges = np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)
+    edges = np.unique(np.sort(np.concatenate(_edges(whole.cells)), axis=1), axis=0)
     signs = np.sign(interface.values(whole.x))
     on |= signs == 0.0
     edges = edges[~on[edges].any(axis=1) & (signs[edges].prod(axis=1) < 0.0)]
@@ -92,6 +141,12 @@ def _cuts(whole: Simplices, interface: Interface, on: Mask) -> tuple[Indices, Ar
     on[edges[places < SOLVED, 0]] = on[edges[places > 1.0 - SOLVED, 1]] = True
     kept = ~on[edges].any(axis=1)
     return edges[kept], places[kept]
+
+
+def _edges(simplices: Indices) -> list[Indices]:
+    """The ends of the edges of simplices, one array for each edge of the reference simplex."""
+    corners = range(simplices.shape[1])
+    return [simplices[:, pair] for pair in itertools.combinations(corners, 2)]
 
 
 def _between(x: Array, edges: Indices, places: Array) -> Array:
@@ -102,10 +157,14 @@ def _between(x: Array, edges: Indices, places: Array) -> Array:
 def _moved(whole: Simplices, edges: Indices, places: Array) -> tuple[Simplices, Mask]:
     """Move vertices onto the zeros on their edges, and tell which vertices have been moved."""
     ends = np.where(places[:, None] < 0.5, edges, edges[:, ::-1])
-    vertices, points = ends[:, 0], _between(whole.x, edges, places)
+    near = np.minimum(places, 1.0 - places) < NEAR
+    return _onto(whole, ends[near, 0], _between(whole.x, edges, places)[near])
+
+
+def _onto(whole: Simplices, vertices: Indices, points: Array) -> tuple[Simplices, Mask]:
+    """Move vertices onto points where that leaves cells their shapes, and tell which were moved."""
     ways = points - whole.x[vertices]
-    near = (np.minimum(places, 1.0 - places) < NEAR) & ~whole.fixed[vertices]
-    order = np.flatnonzero(near & _slides(whole, vertices, ways))
+    order = np.flatnonzero(~whole.fixed[vertices] & _slides(whole, vertices, ways))
     order = order[np.argsort(-np.linalg.norm(ways[order], axis=1), kind="stable")]
     points, onto = whole.x.copy(), points[order]
     points[vertices[order]] = onto  # the last one is the nearest
@@ -180,15 +239,16 @@ def _split(whole: Simplices, edges: Indices, places: Array) -> Simplices:
     lengths = np.linalg.norm(whole.x[edges[:, 0]] - whole.x[edges[:, 1]], axis=1)
     ranks = np.empty(len(edges), dtype=np.int64)
     ranks[np.lexsort((np.arange(len(edges)), lengths))] = np.arange(len(edges))
-    cells, facets, sides = whole.cells, whole.facets, whole.sides
+    cells, facets, sides, regions = whole.cells, whole.facets, whole.sides, whole.regions
     while True:
         found = _numbers(cells, edges, len(x))
         best = np.where(found >= 0, ranks[found], -1).max(axis=1, initial=-1)
         if (best < 0).all():
-            return Simplices(x, cells, facets, sides, whole.fixed)
+            return Simplices(x, cells, facets, sides, regions, whole.fixed)
         ready = np.ones(len(edges), dtype=bool)
         ready[found[(found >= 0) & (ranks[found] < best[:, None])]] = False
-        cells, _ = _halves(cells, edges, ready, count, len(x))
+        cells, parents = _halves(cells, edges, ready, count, len(x))
+        regions = regions[parents]
         facets, parents = _halves(facets, edges, ready, count, len(x))
         sides = sides[parents]
 
