@@ -104,20 +104,23 @@ def singular_points_of(data: Sequence[Datum], sided: SidedMesh) -> tuple[Singula
     """Return the points where data make a solution like a power of the distance; collective.
 
     The solution is like given values, and smoother by a power than a flux or a coefficient, and by
-    two powers than a load in the domain.
+    two powers than a load in the domain. Where a datum whose values are taken at nodes has none,
+    as x log x has none at 0, a point is to be no node, and does not count.
 
     Args:
         data: The data of a scalar problem.
         sided: The mesh of the data.
     """
     dimension = sided.mesh.topology.dim
+    taken = [datum.formula.root for datum in data if datum.measure == "height"]
     found = []
     for datum in data if dimension == 2 else []:
         smoother = 0.0
         if datum.measure == "mass":
             smoother = 2.0 if datum.corners.shape[1] > dimension else 1.0
         for place, exponent in singular_points(datum.formula, datum.corners):
-            found.append(SingularPoint(place, exponent + smoother))
+            if all(np.isfinite(evaluated(root, np.array(place))) for root in taken):
+                found.append(SingularPoint(place, exponent + smoother))
     return tuple(sorted(set().union(*sided.mesh.comm.allgather(found))))
 
 

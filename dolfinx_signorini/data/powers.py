@@ -2,7 +2,8 @@
 
 Around a point at which two affine parts a and b of a formula vanish, the formula is the sum of a
 smooth function and of one that is like r^s, where r is the distance from the point. The exponent s
-follows from the operations, as the order of a zero does. A logarithm or an angle has s = 0.
+follows from the operations, as the order of a zero does. A logarithm or an angle has s = 0. On a
+side of a domain in the plane, a jump has s = 0 and a kink s = 1.
 """
 
 from collections.abc import Iterator, Sequence
@@ -11,8 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from dolfinx_signorini.base.arrays import Array, Mask
-from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS
+from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS, SOLVED
+from dolfinx_signorini.data.derivatives import Derivative
 from dolfinx_signorini.data.formulas import Formula, Node, PerNode, evaluated, nodes, squares
+from dolfinx_signorini.data.interfaces.facet_jumps import PARTS
+from dolfinx_signorini.data.interfaces.interface import Interface, interfaces
 from dolfinx_signorini.meshes.jacobians import inverses
 from dolfinx_signorini.meshes.polynomials import depths
 
@@ -50,6 +54,8 @@ class Powers(NamedTuple):
 def singular_points(formula: Formula, corners: Array) -> Iterator[SingularPoint]:
     """Yield the points at which a formula is like a power of the distance.
 
+    Jumps and kinks count on segments, where they are points.
+
     Args:
         formula: The formula.
         corners: The vertices of the segments or triangles of this rank that may have such points,
@@ -65,6 +71,28 @@ def singular_points(formula: Formula, corners: Array) -> Iterator[SingularPoint]
         exponent = _Powers(met)(formula.root).rough
         if np.isfinite(exponent):
             yield SingularPoint(tuple(map(float, place)), exponent)
+    if corners.shape[1] == 2:
+        for interface in interfaces(formula):
+            yield from _crossings(formula, interface, corners)
+
+
+def _crossings(formula: Formula, interface: Interface, segments: Array) -> Iterator[SingularPoint]:
+    """Yield the points at which a formula jumps or has a kink inside of segments."""
+    lattice = np.linspace(0.0, 1.0, PARTS + 1)[:, None, None]
+    x = segments[:, 0] + lattice * (segments[:, 1] - segments[:, 0])
+    signs = np.sign(interface.values(x))
+    part, segment = np.nonzero(signs[:-1] * signs[1:] < 0.0)
+    start, end = x[part, segment], x[part + 1, segment]
+    places = start + interface.zeros(start, end)[:, None] * (end - start)
+    along = segments[segment, 1] - segments[segment, 0]
+    jumps = np.abs(interface.jump(formula.root, places))
+    slopes = [interface.jump(Derivative(k)(formula.root), places) for k in range(along.shape[1])]
+    kinks = np.abs(sum(slope * way for slope, way in zip(slopes, along.T, strict=True)))
+    values = np.abs(evaluated(formula.root, x))
+    size = SOLVED * values[np.isfinite(values)].max(initial=0.0)
+    for place, jump, kink in zip(places, jumps, kinks, strict=True):
+        if jump > size or kink > size:
+            yield SingularPoint(tuple(map(float, place)), 0.0 if jump > size else 1.0)
 
 
 def pairs(root: Node) -> list[tuple[Node, Node]]:

@@ -82,12 +82,30 @@ def test_a_point_is_found_where_the_parts_meet_alone():
     assert not list(singular_points(bent, SQUARE))
 
 
-def test_the_cells_of_a_point():
-    ((point),) = singular_points(formula("{r}^0.5", (0.5, 0.5)), SQUARE)
-    inside, at_vertex = point.places(SQUARE)
-    assert inside.tolist() == [True, True] and not at_vertex.any()
-    ((point),) = singular_points(formula("{r}^0.5", (0.0, 1.0)), SQUARE)
-    inside, at_vertex = point.places(SQUARE)
-    assert at_vertex.tolist() == [True, True] and not inside.any()
-    ((point),) = singular_points(formula("{r}^0.5", (0.2, 0.1)), SQUARE)
-    assert point.places(SQUARE)[0].tolist() == [True, False]
+@pytest.mark.parametrize(
+    ("text", "exponent"),
+    [
+        ("where({X} < 0, 1, x)", 0.0),
+        ("sign({X})*exp(x)", 0.0),
+        ("abs({X})*cos(y)", 1.0),
+        ("max({X}, 0) + 1e3*x^2", 1.0),
+        ("where({X} < 0, {X}, {X}^2)", 1.0),
+        ("max({X}, 0)^2", None),
+        ("where({X} < 0, {X}*x, {X}*x)", None),
+        ("where({Y} < 1, x, abs(x))", None),  # the same on all of the side
+    ],
+)
+def test_jumps_and_kinks_on_a_side_are_points(text, exponent):
+    side = np.array([[[0.0, 0.0], [0.4, 0.0]], [[0.4, 0.0], [1.0, 0.0]]])
+    point = (0.712952, 0.0)
+    found = list(singular_points(formula(text, point), side))
+    assert len(found) == (exponent is not None)
+    for place, s in found:
+        assert place == pytest.approx(point, abs=1e-12) and s == exponent
+    assert not list(singular_points(formula(text, point), SQUARE))  # along a line in cells
+
+
+def test_the_cells_around_a_point():
+    for point, around in (((0.5, 0.5), []), ((0.0, 1.0), [0, 1]), ((1.0, 1.0), [1])):
+        (found,) = singular_points(formula("{r}^0.5", point), SQUARE)
+        assert np.flatnonzero(found.is_vertex_of(SQUARE)).tolist() == around

@@ -1,8 +1,12 @@
 """Meshes fitted to jumps of formulas: straight ones on facets, curves next to facets."""
 
+import math
+
 import basix
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from mpi4py import MPI
 
 from dolfinx_signorini.data import parsing
@@ -12,10 +16,12 @@ from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import (
     SidedMesh,
     boundary_facets,
+    cell_corners,
     cell_edges,
     facet_cells,
     facet_nodes,
     facet_scale,
+    owned_cells,
 )
 from dolfinx_signorini.scenes.domains.kinds import Cube, Square
 
@@ -156,12 +162,76 @@ def test_vertices_that_are_not_moved_keep_every_digit(comm):
     assert (sided.mesh.geometry.x == before).all()
 
 
+def with_regions(comm, dim):
+    """A square or cube whose left part and lower part are regions that overlap."""
+    plain = (Square(4) if dim == 2 else Cube(2)).make(comm)
+    middles = cell_corners(plain.mesh).mean(axis=1)
+    left, low = (np.flatnonzero(middles[:, k] < 0.5).astype(np.int32) for k in range(2))
+    return SidedMesh(plain.mesh, plain.sides, {"left": left, "low": low})
+
+
+def sizes(sided):
+    """The sizes of the sides and of the regions of a mesh, and the worst shape of a cell."""
+    domain, comm = sided.mesh, sided.mesh.comm
+    edges = cell_edges(domain, owned_cells(domain))
+    dim = edges.shape[1]
+    volumes = np.abs(np.linalg.det(edges)) / math.factorial(dim)
+    corners = cell_corners(domain)
+    lengths = np.linalg.norm(corners[:, :, None] - corners[:, None], axis=3).max(axis=(1, 2))
+    boundary = boundary_facets(domain)
+    mine = [np.intersect1d(f, boundary).astype(np.int32) for f in sided.sides.values()]
+    areas = [facet_scale(domain, facet_cells(domain, facets)).sum() for facets in mine]
+    own = [float(total) for total in (*areas, volumes.sum())]
+    own += [float(volumes[cells].sum()) for cells in sided.regions.values()]
+    worst = float((volumes / lengths**dim).min(initial=1.0))
+    return np.sum(comm.allgather(own), axis=0), comm.allreduce(worst, op=MPI.MIN)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@given(data=st.data())
+@settings(max_examples=10)
+def test_any_point_becomes_a_vertex(dim, data, comm):
+    """Inside, on sides and edges of regions, next to corners: all that has a name stays."""
+    some, near = st.sampled_from([0.0, 0.3, 0.5, 1.0]), st.sampled_from([1e-3, 0.4999])
+    anywhere = st.one_of(st.floats(0.0, 1.0), some, near) if dim == 2 else some
+    place = [data.draw(anywhere) for _ in range(dim)]
+    place = comm.bcast(place)
+    for plain in (with_regions(comm, dim), (Square(3) if dim == 2 else Cube(1)).make(comm)):
+        made = fitted_mesh(plain, [], 3000, points=[tuple(place)])
+        away = np.linalg.norm(made.mesh.geometry.x[:, :dim] - place, axis=1).min(initial=9.0)
+        assert comm.allreduce(away, op=MPI.MIN) < 2e-8
+        (before, shape), (after, thin) = sizes(plain), sizes(made)
+        assert after == pytest.approx(before, abs=1e-12)
+        assert thin > 0.2 * shape
+
+
+def test_points_outside_and_at_vertices_leave_a_mesh_as_it_is(comm):
+    plain = Square(4).make(comm)
+    assert fitted_mesh(plain, [], 3000, points=[(1.1, 0.5), (0.5, 0.25), (0.0, 1.0)]) is plain
+
+
+def test_a_vertex_at_a_point_stays_where_a_jump_is_followed(comm):
+    line, place = parsing.parse("where(x + 0.37*y < 0.713, 1, 9)"), (0.52, 0.5)
+    made = fitted_mesh(Square(4).make(comm), [line], 3000, points=[place])
+    away = np.abs(made.mesh.geometry.x[:, :2] - place).max(axis=1).min(initial=9.0)
+    assert comm.allreduce(away, op=MPI.MIN) == 0.0
+    points, _ = inner_points(made.mesh)
+    inside = points @ (1.0, 0.37) < 0.713
+    assert (inside.all(axis=1) | ~inside.any(axis=1)).all()
+
+
 @pytest.mark.parametrize(
-    "text", ["where(x - y < 0.1, 1, 3)", "where(hypot(x - 0.5, y - 0.45) < 0.31, 1, 9)"]
+    ("text", "points"),
+    [
+        ("where(x - y < 0.1, 1, 3)", ()),
+        ("where(hypot(x - 0.5, y - 0.45) < 0.31, 1, 9)", ()),
+        ("1", ((0.25, 0.25), (1.0, 0.001))),
+    ],
 )
-def test_the_fitted_mesh_is_the_same_on_any_number_of_ranks(comm, text):
+def test_the_fitted_mesh_is_the_same_on_any_number_of_ranks(comm, text, points):
     """Where two choices are as good as each other, numbers of nodes must not decide."""
-    meshes = [fitted_mesh(Square(6).make(c), [parsing.parse(text)], 3000) for c in (comm, SELF)]
+    formulas = [parsing.parse(text)]
+    meshes = [fitted_mesh(Square(6).make(c), formulas, 3000, points=points) for c in (comm, SELF)]
     middles = []
     for sided in meshes:
         domain = sided.mesh
