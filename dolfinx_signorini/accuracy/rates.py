@@ -223,7 +223,9 @@ class Rates:
         shares = np.clip(shares, 0.0, 1.0) ** (1.0 / self._times)
         left = [2.0**-s / (1.0 - 2.0**-s) for s in (self.order, slow)]
         both = (1.0 - shares) * left[0] + shares * left[1]
-        return np.where(slow < self.order, np.log2(1.0 + 1.0 / both), rates)
+        # What is slower than theory has data that nobody has read.
+        known = (slow < self.order) & (rates >= slow)
+        return np.where(known, np.log2(1.0 + 1.0 / both), rates)
 
     def _smoothed(self, rates: Array, weights: Array, told: Mask) -> Array:
         """Average rates around vertices, and give each cell the slowest one at its vertices.
