@@ -81,19 +81,23 @@ class _Around:
     touching: Any
 
 
-def exponents_at_corners(problem: BoundConstrainedProblem) -> Array:
-    """Return for each owned cell the least exponent at one of its corners; collective.
+def exponents_at_corners(problem: BoundConstrainedProblem) -> tuple[Array, Array]:
+    """Return for each owned cell the least exponent at one of its corners, and where; collective.
 
     Args:
         problem: The solved problem.
 
     Returns:
         The exponents; `SMOOTH` for cells without a corner, and where the coefficients of the form
-        are not readable.
+        are not readable. And the corners, shape (cells, 3); infinity for cells without one, and in
+        space, where corners are edges.
     """
-    domain = problem.space.mesh
-    exponents = _of_problem(problem, logarithms=True)
-    return np.asarray(exponents[corners_of(domain, 0)[owned_cells(domain)]].min(axis=1))
+    domain, cells = problem.space.mesh, owned_cells(problem.space.mesh)
+    exponents = _of_problem(problem, logarithms=True)[corners_of(domain, 0)[cells]]
+    least, places = exponents.min(axis=1), np.full((len(cells), 3), np.inf)
+    here = np.flatnonzero(np.isfinite(least)) if domain.topology.dim == 2 else cells[:0]
+    places[here] = domain.geometry.x[domain.geometry.dofmap[here, exponents[here].argmin(axis=1)]]
+    return np.asarray(least), places
 
 
 def places_below(problem: BoundConstrainedProblem, limit: float) -> list[tuple[Array, float]]:

@@ -108,7 +108,7 @@ class Estimator:
         self.found = found = indicators(solved)
         if self._read is not None:
             self._look_at_corners(solved)
-        if self._singular and not self._target.weighted:
+        if self._singular:
             self._look_at_data(solved)
         if measure:
             self.rates.measure(found.local)
@@ -117,7 +117,9 @@ class Estimator:
         for zone in solved.fine.zones:
             here = cells_at_contact_ends(zone, solved.parents, solved.count)
             self.rates.know(here, rate_at_ends(self._target, zone.in_domain))
-            self.rates.ends[here] = places_of_ends(zone, solved.coarse.u.function_space.mesh, here)
+            self.rates.places[here] = places_of_ends(
+                zone, solved.coarse.u.function_space.mesh, here
+            )
             ends |= here
         kinks = cells_at_kinks(solved.fine, solved.parents, solved.count)
         rate = self._target.singular_order(KINK_EXPONENT, KINK_EXPONENT, 1)
@@ -141,10 +143,13 @@ class Estimator:
 
     def _look_at_corners(self, solved: Solved) -> None:
         """Find the rates of divisions towards corners; the dual solution has the same exponents."""
+        least, places = exponents_at_corners(solved.fine)
         exponents = np.full(solved.count, SMOOTH)
-        np.minimum.at(exponents, solved.parents, exponents_at_corners(solved.fine))
+        np.minimum.at(exponents, solved.parents, least)
         corners = self._target.singular_order(exponents, exponents)
         self.rates.at_corners = corners < self.rates.order
+        here = self.rates.at_corners[solved.parents] & (least == exponents[solved.parents])
+        self.rates.places[solved.parents[here]] = places[here]
         # With exponents of bodies a loop ended above its aim at the edge of a punch, where the
         # pressure is infinite, too (tests/accuracy/test_elastic_scene_requests.py).
         if solved.fine.space.dofmap.bs == 1:
@@ -157,14 +162,16 @@ class Estimator:
         )
 
     def _look_at_data(self, solved: Solved) -> None:
-        """Find the rates at singular points of data; dual solutions are smooth there."""
+        """Find the singular points of data, and the rates there; dual solutions are smooth."""
         corners = cell_corners(solved.coarse.u.function_space.mesh)
         exponents = np.full(solved.count, SMOOTH)
         for point in self._singular:
             here = point.is_vertex_of(corners)
             exponents[here] = np.minimum(exponents[here], point.exponent)
-        known = self._target.singular_order(exponents, exponents)
-        self.rates.corners = np.minimum(self.rates.corners, known)
+            self.rates.places[here] = (*point.place, 0.0)
+        if not self._target.weighted:
+            known = self._target.singular_order(exponents, exponents)
+            self.rates.corners = np.minimum(self.rates.corners, known)
 
     @property
     def doubt(self) -> str:

@@ -58,7 +58,8 @@ class Prediction:
         power: The exponent with which the parts add up.
         exponent: The exponent with which errors at separate places add up: to this power the parts
             fall, see `Target.exponent`.
-        ends: For each cell the end of contact that the cell has; infinity for cells without one.
+        places: For each cell the singular point that the cell is known to have; infinity for cells
+            without one.
     """
 
     remaining: Array
@@ -67,7 +68,7 @@ class Prediction:
     confirmed: Mask
     power: float
     exponent: float
-    ends: Array
+    places: Array
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ class Marks:
             many as the mesh has dimensions make a division.
         points: For each cell the point that the cell is divided towards, shape (cells, 3); infinity
             for other cells.
-        apart: Whether the point is an end of contact, and no vertex.
+        apart: Whether the point is no vertex.
         growth: By how much they are predicted to multiply the number of cells, at most.
     """
 
@@ -128,7 +129,7 @@ class Marks:
             sided, owners = step.sided, owners.through(step.parents)
 
 
-def _at_points(sided: SidedMesh, points: Array, reach: Array) -> Mask:
+def _at_points(sided: SidedMesh, points: Array, reach: Array | float) -> Mask:
     """Whether each owned cell has a vertex so many sizes of the cell from its point, or nearer."""
     domain = sided.mesh
     x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
@@ -228,9 +229,11 @@ def mark(
         smallest: No cell is to become smaller.
     """
     points = _points(sided.mesh, prediction.remaining, prediction.singular)
-    apart = prediction.singular & np.isfinite(prediction.ends[:, 0])
-    points[apart] = prediction.ends[apart]
-    towards = replace(prediction, singular=np.isfinite(points[:, 0]))
+    known = prediction.singular & np.isfinite(prediction.places[:, 0])
+    points[known] = prediction.places[known]
+    singular = np.isfinite(points[:, 0])
+    apart = singular & ~_at_points(sided, points, HALF_OF_THE_DIGITS)
+    towards = replace(prediction, singular=singular, confirmed=prediction.confirmed | known)
     choice = _Choice(sided.mesh, towards, apart, smallest)
     levels = choice.levels_for(goal, math.inf)
     whole = choice.growth(levels)

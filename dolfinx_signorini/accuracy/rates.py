@@ -61,7 +61,8 @@ class Rates:
         values: The rate of each owned cell.
         corners: The rate that theory knows of each cell at a corner; infinity elsewhere.
         at_corners: Whether each cell is at a corner where theory has a slower rate than elsewhere.
-        ends: For each cell the end of contact that the cell has; infinity for cells without one.
+        places: For each cell the singular point that the cell is known to have, a vertex or an end
+            of contact; infinity for other cells.
     """
 
     def __init__(self, target: Target, degree: int, count: int, dimension: int):
@@ -73,7 +74,7 @@ class Rates:
         self.corners: Array = np.full(count, np.inf)
         self.at_corners: Mask = np.zeros(count, dtype=bool)
         self.values: Array = np.full(count, SINGULAR * self.order)
-        self.ends: Array = np.full((count, 3), np.inf)
+        self.places: Array = np.full((count, 3), np.inf)
         self._known: Mask = np.zeros(count, dtype=bool)
         self._confirmed: Mask = np.zeros(count, dtype=bool)
         self._measured: Mask = np.zeros(count, dtype=bool)
@@ -129,7 +130,7 @@ class Rates:
         rates = self.values / self._times + 1.0 - at_points
         rho = 2.0 ** -np.where(smooth, self.order, np.clip(rates, SLOWEST, self.order))
         remaining = norms * rho / (1.0 - rho)
-        return Prediction(remaining, rho, singular, self._confirmed, p, p, self.ends)
+        return Prediction(remaining, rho, singular, self._confirmed, p, p, self.places)
 
     def prediction(self, cells: Array) -> Prediction:
         """Return what the cells leave in the error of the solution on the divided mesh.
@@ -151,7 +152,7 @@ class Rates:
         remaining = cells * np.where(self._known, at_ends, left)
         singular = self.values < SINGULAR * self.order
         powers = self.power, self.exponent
-        return Prediction(remaining, rho, singular, self._confirmed, *powers, self.ends)
+        return Prediction(remaining, rho, singular, self._confirmed, *powers, self.places)
 
     def refine(self, domain: mesh.Mesh, before: Array, marks: Marks, divided: Divided) -> None:
         """Carry the rates to a divided mesh; `measure` may follow.
@@ -170,7 +171,7 @@ class Rates:
         self.corners = np.full(len(self.values), np.inf)
         self.at_corners = np.zeros(len(self.values), dtype=bool)
         self._known = np.zeros(len(self.values), dtype=bool)
-        self.ends = np.full((len(self.values), 3), np.inf)
+        self.places = np.full((len(self.values), 3), np.inf)
         self._domain, self._before = domain, before
         self._marks, self._divided = marks, divided
 

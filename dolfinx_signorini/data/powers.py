@@ -87,12 +87,12 @@ def _crossings(formula: Formula, interface: Interface, segments: Array) -> Itera
     along = segments[segment, 1] - segments[segment, 0]
     jumps = np.abs(interface.jump(formula.root, places))
     slopes = [interface.jump(Derivative(k)(formula.root), places) for k in range(along.shape[1])]
-    kinks = np.abs(sum(slope * way for slope, way in zip(slopes, along.T, strict=True)))
+    kinks = np.abs(np.einsum("kp,pk->p", slopes, along))
     values = np.abs(evaluated(formula.root, x))
     size = SOLVED * values[np.isfinite(values)].max(initial=0.0)
-    for place, jump, kink in zip(places, jumps, kinks, strict=True):
-        if jump > size or kink > size:
-            yield SingularPoint(tuple(map(float, place)), 0.0 if jump > size else 1.0)
+    exponents = np.where(jumps > size, 0.0, np.where(kinks > size, 1.0, np.inf))
+    for k in np.flatnonzero(np.isfinite(exponents)):
+        yield SingularPoint(tuple(places[k].tolist()), float(exponents[k]))
 
 
 def pairs(root: Node) -> list[tuple[Node, Node]]:
