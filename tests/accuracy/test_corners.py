@@ -76,12 +76,16 @@ def without_logarithms(exponents):
 def check(problem, below, above):
     """Compare the exponents with those of the two edges of 135 degrees; None is for smooth ones."""
     domain = problem.space.mesh
-    found = without_logarithms(exponents_at_corners(problem)[0])
+    found, places = exponents_at_corners(problem)
+    found = without_logarithms(found)
     x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
     expected = np.full(len(x), np.inf)
     for point, exponent in ((BELOW, below), (ABOVE, above)):
         at = np.count_nonzero(np.linalg.norm(x[:, :, :2] - point, axis=2) < 1e-9, axis=1)
         expected[at == domain.topology.dim - 1] = np.inf if exponent is None else exponent
+        here = places[(at > 0) & (expected < np.inf)]  # of one corner: cells have no two
+        where = np.array([*point, 0.0]) if domain.topology.dim == 2 else np.full(3, np.inf)
+        assert (here == where).all()
     assert problem.comm.allreduce(int((expected < np.inf).sum())) > 0 or below is above is None
     assert found == pytest.approx(expected, rel=1e-9)
     problem.destroy()

@@ -1,5 +1,8 @@
 """Marks, and the meshes that follow from them, for errors that are known."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from dolfinx import mesh
@@ -180,6 +183,23 @@ def test_a_cell_is_divided_towards_its_singular_point(comm):
     assert size[there] == pytest.approx(4.0**-deepest / N**2, rel=1e-9)
     assert count(comm, divided.sided) < 2 * N**2 + 100 * deepest
     assert (divided.away == (divided.owners.of(at) & ~there)).all()
+
+
+def test_all_slow_cells_at_a_known_point_are_divided_towards_the_point(comm):
+    """Also those that have little of the error, and as often as it takes, although seen once."""
+    sided, middle = square(comm)
+    at, place = at_centre(sided), (0.5, 0.5, 0.0)
+    values = np.where(at, 10.0 ** (-3.0 * N * np.abs(middle[:, 0] - 0.5)), 1e-9)
+    places = np.where(at[:, None], place, np.full((len(at), 3), np.inf))
+    once, rates = np.zeros(len(at), dtype=bool), np.where(at, 0.5, 3.0)
+    foreseen = Prediction(values, 2.0**-rates, at, once, 2.0, 2.0, places)
+    marks = mark(sided, foreseen, 1e-5, math.inf)
+    assert (marks.singular == at).all() and not marks.apart.any()
+    assert np.abs(marks.points[at] - place).max(initial=0.0) == 0.0
+    assert (marks.levels[at] > marking.DEEP).all()
+    assert count(comm, marks.apply(sided).sided) < 2 * N**2 + 300 * marks.levels.max(initial=0)
+    smooth = mark(sided, replace(foreseen, singular=once), 1e-5, math.inf)
+    assert not smooth.singular.any()
 
 
 @pytest.mark.parametrize("place", [0.5 + 0.3 / N, 0.5 + 0.5 / N, 0.5 + 0.02 / N])

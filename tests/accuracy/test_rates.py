@@ -155,6 +155,15 @@ def test_at_a_corner_the_singular_part_lasts(comm, slow, singular):
     assert rates.prediction(now).remaining == pytest.approx(left, rel=1e-9)
 
 
+@pytest.mark.parametrize("slow", [0.4, 0.9])
+def test_at_a_corner_a_rate_slower_than_that_of_theory_counts(comm, slow):
+    """Theory knows the data that were read, and others may be rougher."""
+    rates, divided, before = after_division(comm, 1.0, all_of_them)
+    rates.corners = np.full(len(divided.levels), 1.2)
+    rates.measure(divided.owners.of(before) * 2.0**-slow / 4.0)
+    assert rates.values == pytest.approx(slow, rel=1e-9)
+
+
 def test_a_product_with_a_singular_dual_solution_falls_as_slowly(comm):
     """In energy squares add up, where a small singular part is hidden; the product has it whole."""
     rates, divided, before = after_division(comm, "L2", all_of_them)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from known import Known, bent, true_error
+from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.first_mesh import singular_points_of
 from dolfinx_signorini.scenes import solve_scene
@@ -194,6 +195,70 @@ def test_the_singular_point_of_data_may_be_anywhere_in_a_cell(norm, seed, comm):
     result = solve_scene(scene, comm, accuracy=accuracy, norm=norm, degree=2)
     error = true_error(result.u, known, norm)
     assert result.found.reached and error <= min(result.found.estimate, accuracy)
+    result.destroy()
+
+
+def on_side(exponent, place):
+    """u = r^s cos(s t + 0.3) + 3 y around a point of the left side, in contact on the top side."""
+    text = f"""
+[domain]
+shape = "square"
+cells = 8
+[define]
+r = "hypot(x, y - {place!r})"
+w = "r^{exponent!r}*cos({exponent!r}*atan2(y - {place!r}, x) + 0.3) + 3*y"
+[contact]
+sides = "top"
+obstacle = "w"
+[[dirichlet]]
+sides = ["left", "right", "bottom"]
+value = "w"
+"""
+
+    def u(x, y):
+        power = np.hypot(x, y - place) ** exponent
+        return power * np.cos(exponent * np.arctan2(y - place, x) + 0.3) + 3.0 * y
+
+    return Known(text, u, _none, {})
+
+
+@pytest.mark.parametrize(("exponent", "place"), [(0.34, 0.376399), (0.41, 0.5225), (0.37, 0.54)])
+def test_the_singular_point_of_data_on_a_side_is_a_vertex(exponent, place, comm):
+    """Inside of facets two solutions may both be near by chance, and the estimate is too small."""
+    known = on_side(exponent, place)
+    scene = parse_scene(known.text, Path("side.toml"), comm)
+    result = solve_scene(scene, comm, accuracy=5e-3, norm="Linf", degree=2)
+    x = result.found.sided.mesh.geometry.x[:, :2]
+    away = np.linalg.norm(x - (0.0, place), axis=1).min(initial=9.0)
+    assert comm.allreduce(away, op=MPI.MIN) < 1e-12
+    error = true_error(result.u, known, "Linf")
+    assert result.found.reached and error <= result.found.estimate <= 5e-3
+    # With points inside of facets these were 2,700 to 3,700, in seven to ten steps.
+    assert result.found.steps[-1].unknowns < 2000 and len(result.found.steps) < 6
+    result.destroy()
+
+
+def test_points_where_data_have_no_value_become_no_nodes(comm):
+    """Such as 0 log 0: nodes there would have the data refused."""
+    text = """
+[domain]
+shape = "square"
+cells = 8
+[define]
+r = "hypot(x - 0.41, y)"
+w = "y*log(r) + (x - 0.41)*atan2(y, x - 0.41)"
+[contact]
+sides = "top"
+obstacle = "w"
+[[dirichlet]]
+sides = ["left", "right", "bottom"]
+value = "w"
+"""
+    scene = parse_scene(text, Path("log.toml"), comm)
+    sided = scene.domain.make(comm)
+    assert singular_points_of(data_of(scene, sided), sided) == ()
+    result = solve_scene(scene, comm, accuracy=1e-3, norm="L2")
+    assert result.found.reached
     result.destroy()
 
 
