@@ -144,9 +144,10 @@ def solve_adaptively(
 
     Args:
         pose: Poses the problem on a mesh. Each mesh is a refinement of the first one, up to
-            vertices that are moved and edges that are split along jumps of the diffusion, see
-            `read_data`. Or such a function for each degree of elements that the loop may choose:
-            the first step is done with the lowest degree, and tells which degree takes least time.
+            vertices that are moved and edges that are split, along jumps of the diffusion and at
+            singular points of data, see `read_data`. Or such a function for each degree of elements
+            that the loop may choose: the first step is done with the lowest degree, and tells which
+            degree takes least time.
         sided: The first mesh, which should be coarse, with the sides that `pose` needs.
         norm: The norm of the error, see `norm_names.parse_norm`; or a functional of the solution,
             given as a function that returns the UFL form of its argument. The estimate is the error
@@ -168,8 +169,10 @@ def solve_adaptively(
             place of a function: the facets are the domain.
         read_data: Whether forms and obstacle are read, where they are UFL expressions of the
             coordinates. The first mesh is refined until polynomials on its cells follow the data,
-            and fitted to jumps of the diffusion, so that no narrow feature is overlooked. Data that
-            jump inside of cells are integrated piece by piece, and count in the estimate.
+            and fitted to jumps of the diffusion, so that no narrow feature is overlooked; in the
+            plane it has vertices where data are like a power of the distance from a point, and
+            where they jump or have a kink on a side. Data that jump inside of cells are integrated
+            piece by piece, and count in the estimate.
 
     Returns:
         The best solution that was computed. `reached` tells whether the accuracy was reached.
