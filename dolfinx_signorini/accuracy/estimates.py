@@ -113,13 +113,11 @@ class Estimator:
         if measure:
             self.rates.measure(found.local)
         self.rates.assume(found.resolved)
-        ends = np.zeros(solved.count, dtype=bool)
+        ends, domain = np.zeros(solved.count, dtype=bool), solved.coarse.u.function_space.mesh
         for zone in solved.fine.zones:
             here = cells_at_contact_ends(zone, solved.parents, solved.count)
             self.rates.know(here, rate_at_ends(self._target, zone.in_domain))
-            self.rates.places[here] = places_of_ends(
-                zone, solved.coarse.u.function_space.mesh, here
-            )
+            self.rates.places[here] = places_of_ends(zone, domain, here)
             ends |= here
         kinks = cells_at_kinks(solved.fine, solved.parents, solved.count)
         rate = self._target.singular_order(KINK_EXPONENT, KINK_EXPONENT, 1)

@@ -87,7 +87,7 @@ class SidedMesh:
         return _combinations(self.mesh.comm, self.sides, facets)
 
     def combinations_of_regions(self) -> tuple[Mask, Indices]:
-        """Return the same of regions and of all owned cells; the call is collective."""
+        """Return the same as `combinations`, of regions and all owned cells; collective."""
         return _combinations(self.mesh.comm, self.regions, owned_cells(self.mesh))
 
 

@@ -54,7 +54,7 @@ def fitted_mesh(
         max_cells: The limit on the number of cells where the mesh is refined along curves, or
             fitted to what follows.
         straight: More formulas, whose jumps count along straight lines and planes only.
-        points: Points that are to be vertices, see `with_vertex`.
+        points: Points that are to be vertices, see `with_vertex`, as far as the limit allows.
 
     Returns:
         The mesh itself where nothing is to be changed. Where cells belong to regions, jumps inside
@@ -93,7 +93,9 @@ def _fitted(
         return None, np.empty(0, dtype=bool)
     whole = given
     for point in points:
-        whole = with_vertex(whole, np.array(point))
+        more = with_vertex(whole, np.array(point))
+        if len(more.cells) <= max(max_cells, len(whole.cells)):
+            whole = more
     for curve in curves:  # what is inside of a formula comes first
         whole = fitted(whole, curve)
     corners, cells = whole.x[whole.cells], given.x[given.cells]

@@ -210,6 +210,20 @@ def test_points_outside_and_at_vertices_leave_a_mesh_as_it_is(comm):
     assert fitted_mesh(plain, [], 3000, points=[(1.1, 0.5), (0.5, 0.25), (0.0, 1.0)]) is plain
 
 
+def test_points_that_take_too_many_cells_stay_inside_of_cells(comm):
+    """A corner that is very near cannot be moved; others can, and take no cell more."""
+    plain = Square(4).make(comm)
+    near, other = (1e-4, 2e-4), (0.3, 0.4)
+    made = fitted_mesh(plain, [], 40, points=[near, other])
+    x = made.mesh.geometry.x[:, :2]
+    for place, there in ((near, False), (other, True)):
+        away = np.linalg.norm(x - place, axis=1).min(initial=9.0)
+        assert (comm.allreduce(away, op=MPI.MIN) < 1e-12) == there
+    assert comm.allreduce(len(owned_cells(made.mesh))) == comm.allreduce(
+        len(owned_cells(plain.mesh))
+    )
+
+
 def test_a_vertex_at_a_point_stays_where_a_jump_is_followed(comm):
     line, place = parsing.parse("where(x + 0.37*y < 0.713, 1, 9)"), (0.52, 0.5)
     made = fitted_mesh(Square(4).make(comm), [line], 3000, points=[place])
