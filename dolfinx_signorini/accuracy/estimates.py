@@ -31,11 +31,17 @@ from dolfinx_signorini.accuracy.rates import Rates
 from dolfinx_signorini.accuracy.targets import Target, size
 from dolfinx_signorini.accuracy.terms import Solved
 from dolfinx_signorini.base.arrays import Array, Mask
-from dolfinx_signorini.base.ranks import anywhere, highest
+from dolfinx_signorini.base.ranks import anywhere, highest, summed
 from dolfinx_signorini.base.tolerances import PRECISION
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.powers import SingularPoint
-from dolfinx_signorini.meshes.sided_meshes import cell_corners, owned_cells
+from dolfinx_signorini.meshes.sided_meshes import (
+    boundary_facets,
+    cell_corners,
+    facet_nodes,
+    owned_cells,
+)
+from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.orders import KINK_EXPONENT, SMOOTH, is_finite
 from dolfinx_signorini.norms.power_sums import collected, joined, total
 from dolfinx_signorini.norms.sectors import LOGARITHM
@@ -138,6 +144,8 @@ class Estimator:
             data = self._read(solved.fine)
             self._add_along_curves(SAFETY * data_errors(solved, data))
         self._add_local(solved)
+        if self._target.on_boundary:
+            self._leave_boundary(solved)
 
     def _look_at_corners(self, solved: Solved) -> None:
         """Find the rates of divisions towards corners; the dual solution has the same exponents."""
@@ -202,6 +210,23 @@ class Estimator:
             f"{target.name} of the solution is infinite if u ~ {power} at a corner, "
             "as the angles and the conditions have it"
         )
+
+    def _leave_boundary(self, solved: Solved) -> None:
+        """Leave of a sup norm what is on the boundary.
+
+        What cells inside of the domain leave reaches the boundary as far as the difference of the
+        two solutions does. What cells at the boundary leave counts as a whole.
+        """
+        domain, name = solved.coarse.u.function_space.mesh, self._target.name
+        there = error_norms(solved.error, None, [name])[name]
+        share = min(there / (self.found.difference or 1.0), 1.0)
+        nodes = facet_nodes(domain, boundary_facets(domain))
+        vertices = summed(domain.geometry.index_map(), nodes) > 0.0
+        at = vertices[domain.geometry.dofmap[: solved.count]].any(axis=1)
+        remaining = self.prediction.remaining * np.where(at, 1.0, share)
+        self.prediction = replace(self.prediction, remaining=remaining)
+        self.along_curves *= share
+        self.estimate = max(total(remaining, math.inf, self._comm), share * self.estimate)
 
     def add_polygon(self, moved: MovedSides, solved: Solved) -> None:
         """Add what facets in place of curves leave in the error; the call is collective.

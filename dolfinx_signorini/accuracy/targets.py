@@ -43,6 +43,7 @@ class Target:
             `norm`, for such norms are of its kind; None for the solution itself.
         rough: Whether the functional has derivatives on facets, as the flux through a side has. The
             dual solution jumps there: no order of convergence is gained from the dual solution.
+        on_boundary: Whether the sup norm in `norm`, one of the domain, is meant on the boundary.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Target:
     functional: Functional | None = None
     of: Quantity | None = None
     rough: bool = False
+    on_boundary: bool = False
 
     @property
     def weighted(self) -> bool:
@@ -110,7 +112,7 @@ class Target:
 def target(norm: str | Functional, of: Quantity | None = None) -> Target:
     """Return the target that a norm's name or a functional means.
 
-    A sup norm of the boundary means that of the domain, which is not smaller.
+    A sup norm of the boundary has the cells of that of the domain, see `Estimator.compare`.
 
     Args:
         norm: The name, or the functional.
@@ -133,7 +135,7 @@ def target(norm: str | Functional, of: Quantity | None = None) -> Target:
     if of is not None:
         return Target(norm, replace(parsed, derivatives=1.0), of=of)
     if math.isinf(parsed.p):  # no dual solution looks at the largest error on the boundary alone
-        parsed = replace(parsed, boundary=False)
+        return Target(norm, replace(parsed, boundary=False), on_boundary=parsed.boundary)
     return Target(norm, parsed)
 
 

@@ -99,3 +99,52 @@ def test_requests_with_the_solution_of_the_paper(comm, degree, norm, accuracy):
     error = ds.error_norms(found.problem.u, exact["u"], [norm])[norm]
     assert 0.05 * accuracy < error <= accuracy
     found.problem.destroy()
+
+
+@pytest.mark.parametrize("bound", ["lower", "upper"])
+def test_on_the_boundary_an_error_inside_of_the_domain_counts_as_far_as_it_reaches(
+    bound, comm, parse
+):
+    """A bump of the load in the middle, of which hardly anything is on the boundary."""
+    sign = 1 if bound == "lower" else -1
+    text = f"""
+degree = 2
+[domain]
+shape = "square"
+cells = 8
+[define]
+s = "((x - 0.45)^2 + (y - 0.55)^2)/0.01"
+w = "exp(-s) + {sign}*(2*y + sin(3*x)*exp(3*y)/40)"
+[equation]
+load = "400*(1 - s)*exp(-s)"
+[contact]
+sides = "top"
+obstacle = "w"
+bound = "{bound}"
+[[dirichlet]]
+sides = ["left", "right", "bottom"]
+value = "w"
+"""
+
+    def errors(u):
+        """The errors on a lattice in each cell, in the domain and on the boundary."""
+        space, cells = u.function_space, owned_cells(u.function_space.mesh)
+        lattice = basix.create_lattice(CELLS[2], 12, basix.LatticeType.equispaced, True)
+        corners = space.mesh.geometry.x[space.mesh.geometry.dofmap[cells]][:, :, :2]
+        edges = corners[:, 1:] - corners[:, :1]
+        x, y = np.moveaxis(corners[:, :1] + np.einsum("qj,cji->cqi", lattice, edges), -1, 0)
+        table = space.element.basix_element.tabulate(0, lattice)[0, ..., 0]
+        s = ((x - 0.45) ** 2 + (y - 0.55) ** 2) / 0.01
+        exact = np.exp(-s) + sign * (2.0 * y + np.sin(3.0 * x) * np.exp(3.0 * y) / 40.0)
+        off = np.abs(u.x.array[space.dofmap.list[cells]] @ table.T - exact)
+        at = np.minimum(np.minimum(x, 1.0 - x), np.minimum(y, 1.0 - y)) < 1e-12
+        own = off.max(initial=0.0), off[at].max(initial=0.0)
+        return np.max(comm.allgather(own), axis=0)
+
+    unknowns = {}
+    for k, norm in enumerate(("Linf", "Linf_boundary")):
+        result = ds.solve_scene(parse(text), comm, norm=norm, accuracy=1e-4, degree=2)
+        found, unknowns[norm] = result.found, result.found.steps[-1].unknowns
+        assert found.reached and errors(result.u)[k] <= found.estimate <= 1e-4
+        result.destroy()
+    assert unknowns["Linf_boundary"] < 0.3 * unknowns["Linf"]
