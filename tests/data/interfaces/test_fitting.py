@@ -187,6 +187,15 @@ def sizes(sided):
     return np.sum(comm.allgather(own), axis=0), comm.allreduce(worst, op=MPI.MIN)
 
 
+def made_at(comm, place, regions):
+    """How far a vertex is from a point that is to be one, and the sizes before and after."""
+    dim = len(place)
+    plain = with_regions(comm, dim) if regions else (Square(3) if dim == 2 else Cube(1)).make(comm)
+    made = fitted_mesh(plain, [], 3000, points=[tuple(place)])
+    away = np.linalg.norm(made.mesh.geometry.x[:, :dim] - place, axis=1).min(initial=9.0)
+    return comm.allreduce(away, op=MPI.MIN), sizes(plain), sizes(made)
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 @given(data=st.data())
 @settings(max_examples=10, phases=(Phase.generate,))  # meshes take long to shrink
@@ -196,11 +205,9 @@ def test_any_point_becomes_a_vertex(dim, data, comm):
     anywhere = st.one_of(st.floats(0.0, 1.0), some, near) if dim == 2 else some
     place = [data.draw(anywhere) for _ in range(dim)]
     place = comm.bcast(place)
-    for plain in (with_regions(comm, dim), (Square(3) if dim == 2 else Cube(1)).make(comm)):
-        made = fitted_mesh(plain, [], 3000, points=[tuple(place)])
-        away = np.linalg.norm(made.mesh.geometry.x[:, :dim] - place, axis=1).min(initial=9.0)
-        assert comm.allreduce(away, op=MPI.MIN) < 2e-8
-        (before, shape), (after, thin) = sizes(plain), sizes(made)
+    for regions in (True, False):
+        away, (before, shape), (after, thin) = made_at(comm, place, regions)
+        assert away < 2e-8
         assert after == pytest.approx(before, abs=1e-12)
         assert thin > 0.2 * shape
 
