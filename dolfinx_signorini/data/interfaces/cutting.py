@@ -102,7 +102,6 @@ def with_vertex(whole: Simplices, point: Array) -> Simplices:
         whole, moved = _onto(whole, whole.cells[cell, shares[cell].argmax(), None], point[None])
         if not moved.any():
             whole = _split(whole, _longest_edge(whole, cell)[None], np.array([0.5]))
-            whole = replace(whole, fixed=np.append(whole.fixed, False))
 
 
 def _longest_edge(whole: Simplices, cell: np.int64) -> Indices:
@@ -113,8 +112,8 @@ def _longest_edge(whole: Simplices, cell: np.int64) -> Indices:
     """
     around, edge, length = np.array([cell]), whole.cells[cell, :2], 0.0
     while True:
-        pairs = np.concatenate(_edges(np.sort(whole.cells[around], axis=1)))
-        lengths = np.linalg.norm(whole.x[pairs[:, 0]] - whole.x[pairs[:, 1]], axis=1)
+        pairs = _edges(whole.cells[around]).reshape(-1, 2)
+        lengths = _lengths(whole.x, pairs)
         if lengths.max() <= (1.0 + SOLVED) * length:
             return edge
         edge, length = pairs[lengths.argmax()], lengths.max()
@@ -133,7 +132,7 @@ def _cuts(whole: Simplices, interface: Interface, on: Mask) -> tuple[Indices, Ar
         The ends of the edges, shape (edges, 2), in the order of their numbers, and where the zeros
         are, as shares of the edges from the first end.
     """
-    edges = np.unique(np.sort(np.concatenate(_edges(whole.cells)), axis=1), axis=0)
+    edges = np.unique(_edges(whole.cells).reshape(-1, 2), axis=0)
     signs = np.sign(interface.values(whole.x))
     on |= signs == 0.0
     edges = edges[~on[edges].any(axis=1) & (signs[edges].prod(axis=1) < 0.0)]
@@ -143,10 +142,15 @@ def _cuts(whole: Simplices, interface: Interface, on: Mask) -> tuple[Indices, Ar
     return edges[kept], places[kept]
 
 
-def _edges(simplices: Indices) -> list[Indices]:
-    """The ends of the edges of simplices, one array for each edge of the reference simplex."""
-    corners = range(simplices.shape[1])
-    return [simplices[:, pair] for pair in itertools.combinations(corners, 2)]
+def _edges(simplices: Indices) -> Indices:
+    """The ends of the edges of simplices in their order, shape (simplices, edges, 2)."""
+    pairs = list(itertools.combinations(range(simplices.shape[1]), 2))
+    return np.sort(simplices[:, pairs], axis=2)
+
+
+def _lengths(x: Array, edges: Indices) -> Array:
+    """The lengths of edges."""
+    return np.asarray(np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1))
 
 
 def _between(x: Array, edges: Indices, places: Array) -> Array:
@@ -236,7 +240,7 @@ def _split(whole: Simplices, edges: Indices, places: Array) -> Simplices:
         return whole
     count = len(whole.x)
     x = np.concatenate((whole.x, _between(whole.x, edges, places)))
-    lengths = np.linalg.norm(whole.x[edges[:, 0]] - whole.x[edges[:, 1]], axis=1)
+    lengths = _lengths(whole.x, edges)
     ranks = np.empty(len(edges), dtype=np.int64)
     ranks[np.lexsort((np.arange(len(edges)), lengths))] = np.arange(len(edges))
     cells, facets, sides, regions = whole.cells, whole.facets, whole.sides, whole.regions
@@ -244,7 +248,8 @@ def _split(whole: Simplices, edges: Indices, places: Array) -> Simplices:
         found = _numbers(cells, edges, len(x))
         best = np.where(found >= 0, ranks[found], -1).max(axis=1, initial=-1)
         if (best < 0).all():
-            return Simplices(x, cells, facets, sides, regions, whole.fixed)
+            fixed = np.concatenate((whole.fixed, np.zeros(len(edges), dtype=bool)))
+            return Simplices(x, cells, facets, sides, regions, fixed)
         ready = np.ones(len(edges), dtype=bool)
         ready[found[(found >= 0) & (ranks[found] < best[:, None])]] = False
         cells, parents = _halves(cells, edges, ready, count, len(x))
@@ -255,9 +260,7 @@ def _split(whole: Simplices, edges: Indices, places: Array) -> Simplices:
 
 def _numbers(simplices: Indices, edges: Indices, count: int) -> Indices:
     """The numbers of the edges of simplices in a list of edges, or -1; `count` vertices."""
-    pairs = list(itertools.combinations(range(simplices.shape[1]), 2))
-    ends = np.sort(simplices[:, pairs], axis=2)
-    keys, known = ends @ (count, 1), edges @ (count, 1)
+    keys, known = _edges(simplices) @ (count, 1), edges @ (count, 1)
     places = np.minimum(np.searchsorted(known, keys), len(known) - 1)
     return np.where(known[places] == keys, places, -1)
 
