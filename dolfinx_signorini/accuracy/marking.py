@@ -82,13 +82,11 @@ class Marks:
             many as the mesh has dimensions make a division.
         points: For each cell the point that the cell is divided towards, shape (cells, 3); infinity
             for other cells.
-        apart: Whether the point is no vertex.
         growth: By how much they are predicted to multiply the number of cells, at most.
     """
 
     levels: Array
     points: Array
-    apart: Mask
     growth: float = 1.0
 
     @property
@@ -110,12 +108,13 @@ class Marks:
         first = sided.mesh.topology.index_map(dimension).local_range[0]
         owners = Lookup(comm, len(self.levels), first + np.arange(len(self.levels)))
         levels: Array = np.zeros(len(self.levels))
+        no_vertex = apart(sided, self.points)
         while True:
             # What has been divided for the sake of other cells need not be divided again.
-            wanted, points, apart = map(owners.of, (self.levels, self.points, self.apart))
-            at = _at_points(sided, points, np.where(apart, 1.0, HALF_OF_THE_DIGITS))
+            wanted, points, between = map(owners.of, (self.levels, self.points, no_vertex))
+            at = _at_points(sided, points, np.where(between, 1.0, HALF_OF_THE_DIGITS))
             singular = np.isfinite(points[:, 0])
-            tip = singular & ~apart
+            tip = singular & ~between
             left: Array = np.rint(dimension * (wanted - levels))  # bisections
             left = np.where(singular & ~at, 0.0, left)
             if highest(comm, left) == 0.0:
@@ -127,6 +126,11 @@ class Marks:
             levels = step.parents.of(levels) + np.log2(shares) / dimension
             fit(step.sided)
             sided, owners = step.sided, owners.through(step.parents)
+
+
+def apart(sided: SidedMesh, points: Array) -> Mask:
+    """Return for each owned cell whether its point is no vertex; False for cells without one."""
+    return np.isfinite(points[:, 0]) & ~_at_points(sided, points, HALF_OF_THE_DIGITS)
 
 
 def _at_points(sided: SidedMesh, points: Array, reach: Array | float) -> Mask:
@@ -180,7 +184,7 @@ def mark_worst(sided: SidedMesh, cells: Array, order: float, power: float) -> Ma
     shares = np.maximum(cells / largest, TINY) if largest > 0.0 else np.ones(count)
     fall = order + dimension / power
     levels = _rounded_up(1.0 + np.log2(shares / NOTABLE) / fall, 1.0 / dimension)
-    return Marks(np.clip(levels, 0.0, 1.0), np.full((count, 3), np.inf), np.zeros(count, bool))
+    return Marks(np.clip(levels, 0.0, 1.0), np.full((count, 3), np.inf))
 
 
 def _rounded_up(levels: Array, multiple: Array | float) -> Array:
@@ -210,7 +214,6 @@ def mark_for_all(
         marks = Marks(
             np.where(deeper, other.levels, marks.levels),
             np.where(deeper[:, None], other.points, marks.points),
-            np.where(deeper, other.apart, marks.apart),
             marks.growth + other.growth - 1.0,
         )
     return marks
@@ -232,21 +235,20 @@ def mark(
     known = prediction.singular & np.isfinite(prediction.places[:, 0])
     points[known] = prediction.places[known]
     singular = np.isfinite(points[:, 0])
-    apart = singular & ~_at_points(sided, points, HALF_OF_THE_DIGITS)
     towards = replace(prediction, singular=singular, confirmed=prediction.confirmed | known)
-    choice = _Choice(sided.mesh, towards, apart, smallest)
+    choice = _Choice(sided.mesh, towards, apart(sided, points), smallest)
     levels = choice.levels_for(goal, math.inf)
     whole = choice.growth(levels)
     if whole > growth > 1.0:  # a short last step would cost as much as others: all have one ratio
         steps = math.ceil(math.log(whole) / math.log(growth))
         levels = choice.levels_for(goal, whole ** (1.0 / steps))
-    return Marks(levels, points, apart, choice.growth(levels))
+    return Marks(levels, points, choice.growth(levels))
 
 
 class _Choice:
     """The predictions for numbers of divisions of the cells of a mesh."""
 
-    def __init__(self, domain: mesh.Mesh, prediction: Prediction, apart: Mask, smallest: float):
+    def __init__(self, domain: mesh.Mesh, prediction: Prediction, between: Mask, smallest: float):
         dimension, self.comm = domain.topology.dim, domain.comm
         far = np.abs(cell_corners(domain)).max(axis=(1, 2))
         room = volumes(domain) ** (1.0 / dimension) / np.maximum(ROUNDING * far, smallest)
@@ -264,7 +266,7 @@ class _Choice:
         self._logarithms, self._steps = np.log(self.parts), -np.log(child)
         room = np.floor(np.log2(np.maximum(room, 1.0)))
         deep = np.where(self.singular & prediction.confirmed, np.inf, DEEP)
-        self.deepest = np.minimum(np.where(apart, LOCATED, deep), room)
+        self.deepest = np.minimum(np.where(between, LOCATED, deep), room)
         # Bisected cells have other shapes, and the rate of a sup norm is that of the worst one.
         self.finest = np.where(self.singular | sup, 1.0, 1.0 / dimension)
         self.least = self.error(self.deepest)

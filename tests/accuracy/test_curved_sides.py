@@ -245,7 +245,7 @@ def test_divisions_follow_the_circle_and_keep_cells_upright(comm, deep):
     curves, count = CurvedSides({"hole": onto_hole}), len(owned_cells(sided.mesh))
     at_hole = np.zeros(count)
     at_hole[facet_cells(sided.mesh, sided.sides["hole"])[:, 0]] = deep
-    marks = Marks(at_hole, np.full((count, 3), np.inf), np.zeros(count, dtype=bool))
+    marks = Marks(at_hole, np.full((count, 3), np.inf))
     divided = marks.apply(sided, curves.fit)
     assert distance(divided.sided) < 1e-12
     assert comm.allreduce(divided.levels.max(initial=0.0), op=MPI.MAX) >= deep

@@ -75,7 +75,7 @@ def test_cells_are_as_small_as_their_marks_say_and_hardly_smaller(comm, dimensio
     middle = corners(sided).mean(axis=1)
     size, cells = volumes(sided.mesh), len(owned_cells(sided.mesh))
     bisections = np.rint(2 * dimension * np.clip(1.2 - 2.0 * np.linalg.norm(middle, axis=1), 0, 1))
-    marks = Marks(bisections / dimension, np.full((cells, 3), np.inf), np.zeros(cells, bool))
+    marks = Marks(bisections / dimension, np.full((cells, 3), np.inf))
     divided = marks.apply(sided)
     halvings = np.log2(divided.owners.of(size) / volumes(divided.sided.mesh))
     assert divided.levels == pytest.approx(halvings / dimension, abs=1e-3)
@@ -194,7 +194,7 @@ def test_all_slow_cells_at_a_known_point_are_divided_towards_the_point(comm):
     once, rates = np.zeros(len(at), dtype=bool), np.where(at, 0.5, 3.0)
     foreseen = Prediction(values, 2.0**-rates, at, once, 2.0, 2.0, places)
     marks = mark(sided, foreseen, 1e-5, math.inf)
-    assert (marks.singular == at).all() and not marks.apart.any()
+    assert (marks.singular == at).all() and not marking.apart(sided, marks.points).any()
     assert np.abs(marks.points[at] - place).max(initial=0.0) == 0.0
     assert (marks.levels[at] > marking.DEEP).all()
     assert count(comm, marks.apply(sided).sided) < 2 * N**2 + 300 * marks.levels.max(initial=0)

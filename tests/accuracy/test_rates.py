@@ -127,7 +127,7 @@ def test_towards_a_singular_point_the_cells_at_the_point_tell(comm, power):
         x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
         at = np.linalg.norm(x, axis=2).min(axis=1) < 1e-9
         points = np.where(at[:, None], 0.0, np.full((count, 3), np.inf))
-        return Marks(np.where(at, levels, 0), points, np.zeros(count, dtype=bool))
+        return Marks(np.where(at, levels, 0), points)
 
     rates, divided, before = after_division(comm, power, marks)
     towards = marks(SidedMesh(friedrichs_keller(comm, 4), {}), len(before)).singular
