@@ -14,10 +14,15 @@ from dolfinx_signorini.meshes.jacobians import spanned
 from dolfinx_signorini.meshes.points import Points
 from dolfinx_signorini.meshes.polynomials import equispaced
 from dolfinx_signorini.meshes.quadrature import QuadratureRule, interior_rule
-from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
+from dolfinx_signorini.meshes.sided_meshes import (
+    boundary_facets,
+    cell_edges,
+    facet_cells,
+    owned_cells,
+)
 from dolfinx_signorini.norms.names import Norm
 from dolfinx_signorini.norms.pointwise import ErrorAtPoints, Quantity, length
-from dolfinx_signorini.norms.power_sums import p_norm, power, total
+from dolfinx_signorini.norms.power_sums import collected, p_norm, power, total
 
 MAX_DEGREE = 20  # of the quadrature of p-th powers: larger p are integrated roughly
 
@@ -43,6 +48,19 @@ def cell_norms(f: fem.Function, norm: Norm, of: Quantity | None = None) -> Array
         values = parts(Points(domain, cells, points))
         found.append(p_norm(np.transpose([p_norm(v, norm.p, weights) for v in values]), norm.p))
     return np.asarray(np.concatenate(found) * volumes(domain) ** (1.0 / norm.p))
+
+
+def largest_on_boundary(f: fem.Function) -> Array:
+    """Return the largest size of a function on the boundary facets of each owned cell; 0 for none.
+
+    Args:
+        f: See `cell_norms`; the points are those of a lattice of the same degree.
+    """
+    domain, element = f.function_space.mesh, f.function_space.element.basix_element
+    pairs = facet_cells(domain, boundary_facets(domain))
+    lattice = equispaced(domain.topology.dim - 1, 2 * element.degree + 4)
+    sizes = np.abs(length(Points(domain, pairs, lattice).values(f))).max(axis=1, initial=0.0)
+    return collected(sizes, pairs[:, 0], len(owned_cells(domain)), math.inf)
 
 
 def powers_tested(f: fem.Function, p: float) -> fem.Function:

@@ -31,19 +31,17 @@ from dolfinx_signorini.accuracy.rates import Rates
 from dolfinx_signorini.accuracy.targets import Target, size
 from dolfinx_signorini.accuracy.terms import Solved
 from dolfinx_signorini.base.arrays import Array, Mask
-from dolfinx_signorini.base.ranks import anywhere, highest, summed
+from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.base.tolerances import PRECISION
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.powers import SingularPoint
 from dolfinx_signorini.meshes.sided_meshes import (
-    boundary_facets,
     cell_corners,
-    facet_nodes,
     owned_cells,
 )
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.orders import KINK_EXPONENT, SMOOTH, is_finite
-from dolfinx_signorini.norms.power_sums import collected, joined, total
+from dolfinx_signorini.norms.power_sums import joined, total
 from dolfinx_signorini.norms.sectors import LOGARITHM
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 
@@ -139,11 +137,11 @@ class Estimator:
         scale = SAFETY * (value / whole if whole > 0.0 else 1.0)
         self.prediction = replace(self.prediction, remaining=self.prediction.remaining * scale)
         self.estimate = SAFETY * value
+        self._raise_to_local(solved)
         self._add(SAFETY * found.unseen)
         if self._read is not None:
             data = self._read(solved.fine)
             self._add_along_curves(SAFETY * data_errors(solved, data))
-        self._add_local(solved)
         if self._target.on_boundary:
             self._leave_boundary(solved)
 
@@ -215,15 +213,12 @@ class Estimator:
         """Leave of a sup norm what is on the boundary.
 
         What cells inside of the domain leave reaches the boundary as far as the difference of the
-        two solutions does. What cells at the boundary leave counts as a whole.
+        two solutions does. Of cells at the boundary only what is there was taken, and counts.
         """
-        domain, name = solved.coarse.u.function_space.mesh, self._target.name
+        name = self._target.name
         there = error_norms(solved.error, None, [name])[name]
         share = min(there / (self.found.difference or 1.0), 1.0)
-        nodes = facet_nodes(domain, boundary_facets(domain))
-        vertices = summed(domain.geometry.index_map(), nodes) > 0.0
-        at = vertices[domain.geometry.dofmap[: solved.count]].any(axis=1)
-        remaining = self.prediction.remaining * np.where(at, 1.0, share)
+        remaining = self.prediction.remaining * np.where(solved.at_boundary, 1.0, share)
         self.prediction = replace(self.prediction, remaining=remaining)
         self.along_curves *= share
         self.estimate = max(total(remaining, math.inf, self._comm), share * self.estimate)
@@ -247,25 +242,27 @@ class Estimator:
 
     def _add(self, parts: Array) -> None:
         """Add what terms have on each cell to the estimate, and to the prediction."""
-        self._raise_to(joined(self.prediction.remaining, parts, self.rates.power))
+        left, power = self.prediction.remaining, self.rates.power
+        self.prediction = replace(self.prediction, remaining=joined(left, parts, power))
+        self.estimate = self._both(self.estimate, total(parts, power, self._comm))
+
+    def _both(self, one: float, other: float) -> float:
+        """Return the size of two parts of the error; in norms of the boundary they are apart."""
+        return float(joined(np.array(one), np.array(other), self._target.exponent))
 
     def _add_along_curves(self, parts: Array) -> None:
         """Add what no degree makes smaller."""
         self._add(parts)
-        power, more = self.rates.power, total(parts, self.rates.power, self._comm)
-        self.along_curves = float(joined(np.array(self.along_curves), np.array(more), power))
-
-    def _raise_to(self, remaining: Array) -> None:
-        """Let the cells leave in the error what is known of each, and the estimate no less."""
-        self.prediction = replace(self.prediction, remaining=remaining)
-        self.estimate = max(self.estimate, total(remaining, self.rates.power, self._comm))
+        whole = total(parts, self.rates.power, self._comm)
+        self.along_curves = self._both(self.along_curves, whole)
 
     def _left_over(self, found: Indicators) -> float:
         """What the difference leaves in the error of the solution on the divided mesh.
 
         A dual solution looks where the difference is largest, and hardly sees what slow cells leave
         at other places: a mean with the exponent SHARPNESS of the shares of cells sees more of the
-        slow ones. In a sup norm two solutions may be nearer to each other than to interpolants.
+        slow ones. In a sup norm two solutions may be nearer to each other than to interpolants. In
+        a functional cells cancel each other, but for the share by which rates may be off.
         """
         averaged = self._target.weighted and self._target.norm is not None
         sharpness = SHARPNESS if averaged else 1.0
@@ -274,7 +271,11 @@ class Estimator:
             total(values, power, self._comm) for values in (cells * shares**sharpness, cells)
         )
         apart = max(found.difference, whole) if math.isinf(power) else found.difference
-        return apart * (left / whole) ** (1.0 / sharpness) if whole > 0.0 else apart
+        value = apart * (left / whole) ** (1.0 / sharpness) if whole > 0.0 else apart
+        if self._target.norm is not None:
+            return value
+        signed = abs(self._comm.allreduce(float((found.signed * shares).sum())))
+        return (min(signed, value) + (SAFETY - 1.0) * value) / SAFETY
 
     def _shares(self) -> Array:
         """What cells leave, over their indicators; 0 for cells without an indicator."""
@@ -296,17 +297,17 @@ class Estimator:
         self.prediction = replace(prediction, remaining=np.maximum(prediction.remaining, own))
         return max(value, total(np.maximum(least, apart), self.rates.power, self._comm))
 
-    def _add_local(self, solved: Solved) -> None:
+    def _raise_to_local(self, solved: Solved) -> None:
         """Raise an estimate in L^p, and the prediction, to what cells leave there by themselves."""
-        norm = self._target.norm
+        norm, left = self._target.norm, self.prediction.remaining
         self.local = None
         if norm is None or norm.boundary or not self._target.weighted:
             return
-        details = self._target.on_cells(solved.detail)
-        norms = SAFETY * collected(details, solved.parents, solved.count, norm.p)
+        norms = SAFETY * solved.norms(solved.detail)
         self.local = self.rates.local_prediction(norms, norm.p, self.found.resolved)
         parts = shared_out(self.local.remaining, norm.p, self._comm)
-        self._raise_to(np.maximum(self.prediction.remaining, parts))
+        self.prediction = replace(self.prediction, remaining=np.maximum(left, parts))
+        self.estimate = max(self.estimate, total(self.local.remaining, norm.p, self._comm))
 
 
 def data_errors(solved: Solved, data: Coefficients) -> Array:

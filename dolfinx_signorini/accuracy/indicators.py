@@ -86,6 +86,7 @@ class Indicators:
         unseen: What the terms add to the error of w that no comparison shows.
         algebra: With a dual solution, what the iterations of the solve leave in the target; else 0.
         resolved: Whether the solutions are smooth in the cell, as far as their derivatives tell.
+        signed: With a dual solution what each cell adds to J(w - u_h), with its sign; else 0.
     """
 
     difference: float
@@ -97,6 +98,7 @@ class Indicators:
     unseen: Array
     algebra: float
     resolved: Mask
+    signed: Array
 
 
 def indicators(solved: Solved) -> Indicators:
@@ -127,23 +129,20 @@ def indicators(solved: Solved) -> Indicators:
         local = np.sqrt(solved.on_cells(product(solved.residual, solved.detail))[1])
         rest, left = _unseen(solved, dual), algebra(solved, dual)[0].sum()
         iterated = abs(fine.comm.allreduce(float(left)))
-        return Indicators(apart, cells, known, local, cells, zero, rest, iterated, resolved)
+        return Indicators(apart, cells, known, local, cells, zero, rest, iterated, resolved, signed)
     assert norm is not None
     rest = _unseen(solved, None)
-    norms = target.on_cells(solved.error)
-    apart, moved = total(norms, norm.p, fine.comm), collected(norms, parents, count, norm.p)
+    moved, detail = solved.norms(solved.error), solved.detail
+    apart = total(moved, norm.p, fine.comm)
     if not math.isinf(norm.p):
-        return Indicators(apart, moved, zero, moved, moved, zero, rest, 0.0, resolved)
-    detail = solved.detail
-    cells, left = (
-        collected(values, parents, count, norm.p)
-        for values in (
-            target.on_cells(detail),
-            solved.unit * left_by_derivatives(detail, norm.derivatives),
-        )
-    )
+        return Indicators(apart, moved, zero, moved, moved, zero, rest, 0.0, resolved, zero)
+    cells = solved.norms(detail)
+    left = solved.unit * left_by_derivatives(detail, norm.derivatives)
+    left = collected(left, parents, count, norm.p)
+    if target.on_boundary:  # so much as is there of the detail
+        left *= over(cells, collected(target.on_cells(detail), parents, count, norm.p))
     moved = np.maximum(cells, moved)
-    return Indicators(apart, cells, zero, cells, moved, left, rest, 0.0, resolved)
+    return Indicators(apart, cells, zero, cells, moved, left, rest, 0.0, resolved, zero)
 
 
 def _unseen(solved: Solved, dual: Dual | None) -> Array:

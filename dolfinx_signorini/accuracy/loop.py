@@ -347,10 +347,7 @@ class Loop:
                 self.stopped = f"{ROUNDED}: the estimate does not fall any more"
                 return None
             # A step costs as much as all before: what gains too little is not worth a step.
-            # The estimate may come out above the aim by chance: the aim leaves room for half of the
-            # safety factor's digits in the number of cells, which costs less than another step.
-            room = SAFETY ** (0.5 * rates.order / self.sided.mesh.topology.dim)
-            goal = 0.0 if accuracy is None else accuracy / (room * estimate)
+            goal = 0.0 if accuracy is None else min(accuracy / estimate, 1.0 / SAFETY)
             growth = self._affordable()
             if growth < SAFETY:
                 return None

@@ -34,6 +34,7 @@ from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.base.tolerances import ROUNDING
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.norms.power_sums import p_norm
 
 SLOWEST = 0.2  # rate; slower is not distinguished from no convergence, unless theory does
 # Of the rate for smooth solutions: slower cells have a singular point, unknown ones are just not.
@@ -117,18 +118,20 @@ class Rates:
 
         Where the energy norm of an error falls with the rate s, an L^p norm falls with s + 1. At a
         singular point the error is in a ball of the size of the cell: by the volume of the ball in
-        d dimensions the rate is s + 1 - d (1/2 - 1/p).
+        d dimensions the rate is s + 1 - d (1/2 - 1/p). A rate that was not measured, nor is that of
+        a singular point, is assumed of the norm itself, as in `prediction`.
 
         Args:
             norms: The L^p norms of w - I w on the cells.
             p: The exponent.
             resolved: Whether a cell looks smooth, see `Indicators`; others may have such a point.
         """
-        smooth = self.values >= (1.0 - ROUNDING) * self.order
+        least = np.where(self._measured, (1.0 - ROUNDING) * self.order, SINGULAR * self.order)
+        of_norm = self.values >= least
         singular = self.values < SINGULAR * self.order
         at_points = np.where(resolved, 0.0, self.dimension * (0.5 - 1.0 / p))
         rates = self.values / self._times + 1.0 - at_points
-        rho = 2.0 ** -np.where(smooth, self.order, np.clip(rates, SLOWEST, self.order))
+        rho = 2.0 ** -np.where(of_norm, self.values, np.clip(rates, SLOWEST, self.order))
         remaining = norms * rho / (1.0 - rho)
         return Prediction(remaining, rho, singular, self._confirmed, p, p, self.places)
 
@@ -228,25 +231,27 @@ class Rates:
         known = (slow < self.order) & (rates >= slow)
         return np.where(known, np.log2(1.0 + 1.0 / both), rates)
 
-    def _smoothed(self, rates: Array, weights: Array, told: Mask) -> Array:
-        """Average rates around vertices, and give each cell the slowest one at its vertices.
+    def _smoothed(self, rates: Array, before: Array, told: Mask) -> Array:
+        """Average the rates of the cells around the vertices of each cell, by their indicators.
 
-        A single cell may be slow by chance; at a singular point all cells around a vertex are.
+        A single cell may be slow by chance. At a singular point all cells around a vertex are. Of
+        the vertices of a cell the squares of the factors that the rates stand for are averaged, as
+        errors add up.
 
         Args:
             rates: The measured rates of cells of the last mesh.
-            weights: The indicators of these cells.
+            before: The indicators of these cells.
             told: Whether the rate of a cell is known.
         """
-        largest = highest(self._domain.comm, weights) or 1.0
-        shares = np.where(told, weights / largest, 0.0)
+        largest = highest(self._domain.comm, before) or 1.0
+        shares = np.where(told, before / largest, 0.0)
         cells = owned_cells(self._domain)
         known = np.where(told, rates, 0.0)
-        sums = summed_at_vertices(self._domain, shares, cells)
+        at_vertices = (summed_at_vertices(self._domain, v, cells) for v in (shares * known, shares))
+        sums, weights = (v[self._domain.geometry.dofmap[cells]] for v in at_vertices)
         with np.errstate(all="ignore"):
-            means = summed_at_vertices(self._domain, shares * known, cells) / sums
-        means = np.where(sums > 0.0, means, self.order)
-        return np.asarray(means[self._domain.geometry.dofmap[cells]].min(axis=1))
+            factors = 2.0 ** -np.where(weights > 0.0, sums / weights, self.order)
+        return np.asarray(-np.log2(p_norm(factors, 2.0, 1.0 / factors.shape[1])))
 
 
 def _of_theory(rates: Array) -> Array:

@@ -39,7 +39,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import shared_out
+from dolfinx_signorini.accuracy.cells import largest_on_boundary, shared_out
 from dolfinx_signorini.accuracy.quadrature_errors import missed_by_quadrature
 from dolfinx_signorini.accuracy.targets import Target, size
 from dolfinx_signorini.base import compiled
@@ -49,7 +49,7 @@ from dolfinx_signorini.base.ranks import highest, marked, summed
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.refinement import Transfer
-from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.meshes.sided_meshes import boundary_facets, facet_cells, owned_cells
 from dolfinx_signorini.norms.power_sums import collected, total
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
 from dolfinx_signorini.problem.dirichlet import data_of_condition
@@ -216,6 +216,28 @@ class Solved:
         """The number of owned cells of the undivided mesh."""
         return len(owned_cells(self.coarse.u.function_space.mesh))
 
+    def norms(self, f: fem.Function) -> Array:
+        """Return the norm of a function of the divided mesh on each undivided cell; collective.
+
+        Of a sup norm of the boundary, cells at the boundary have what is on their facets there.
+        """
+        norms = self._collected(self.target.on_cells(f))
+        if not self.target.on_boundary:
+            return norms
+        return np.where(self.at_boundary, self._collected(largest_on_boundary(f)), norms)
+
+    @functools.cached_property
+    def at_boundary(self) -> Mask:
+        """Whether each owned cell of the undivided mesh has a facet on the boundary."""
+        domain, result = self.coarse.u.function_space.mesh, np.zeros(self.count, dtype=bool)
+        result[facet_cells(domain, boundary_facets(domain))[:, 0]] = True
+        return result
+
+    def _collected(self, parts: Array) -> Array:
+        """Put norms on the cells of the divided mesh together for the undivided cells."""
+        assert self.target.norm is not None
+        return collected(parts, self.parents, self.count, self.target.norm.p)
+
     def in_norm(self, parts: Array) -> Array:
         """Return a part of the error without a sign as a term, see `Term`; collective.
 
@@ -223,10 +245,9 @@ class Solved:
             parts: The norm of the part on each cell of the divided mesh.
         """
         assert self.target.norm is not None
-        p = self.target.norm.p
-        parts = collected(parts, self.parents, self.count, p)
+        parts = self._collected(parts)
         if self.target.weighted:  # parts of cells add up as they are
-            parts = shared_out(parts, p, self.fine.comm)
+            parts = shared_out(parts, self.target.norm.p, self.fine.comm)
         return np.array([parts, parts])
 
 

@@ -259,6 +259,7 @@ def test_estimates_of_smooth_solutions_are_safe_and_sharp(comm, norm):
     found = solve_adaptively(pose, square(comm), norm=norm, accuracy=accuracy)
     error = true_error(found, norm, exact)
     assert 1.0 <= found.estimate / error <= 4.0
+    assert 0.6 * accuracy <= found.estimate  # a step aims at the accuracy
     found.problem.destroy()
 
 

@@ -75,14 +75,6 @@ def test_norms_fall_at_a_singular_vertex_as_the_energy_tells(p, exponent):
     assert factor == pytest.approx(max(norms[1] / norms[0], 2.0**-3), rel=1e-9)
 
 
-def test_norms_fall_by_one_order_more_than_the_energy_of_smooth_parts():
-    """As those of interpolation errors of polynomials: h^k in the energy, h^(k + 1) in L^p."""
-    rates = Rates(target("L16"), 5, 1, 2)
-    rates.values[:] = 2.0 * 2.0
-    smooth = np.ones(1, dtype=bool)
-    assert rates.local_prediction(np.ones(1), 16.0, smooth).factors == pytest.approx(2.0**-3)
-
-
 def all_of_them(sided, count):
     """Cells with equal errors are all divided once."""
     return mark_worst(sided, np.ones(count), ORDER, 2.0)
@@ -107,6 +99,26 @@ def test_the_rate_of_a_divided_cell_is_measured(comm, power, rate):
     share = 4.0 ** (-1.0 / power)
     rates.measure(divided.owners.of(before) * 2.0**-rate * share)
     assert rates.values == pytest.approx(rate, rel=1e-9)
+
+
+def test_norms_fall_by_one_order_more_than_the_energy_of_smooth_parts(comm):
+    """As those of interpolation errors of polynomials: h^s in the energy, h^(s + 1) in L^p."""
+    rates, divided, before = after_division(comm, "L16", all_of_them)
+    rate, count = 1.25, len(divided.levels)
+    rates.measure(divided.owners.of(before) * 2.0**-rate / 2.0)  # the root of four squares
+    smooth = np.ones(count, dtype=bool)
+    factors = rates.local_prediction(np.ones(count), 16.0, smooth).factors
+    assert factors == pytest.approx(2.0 ** -(rate + 1.0), rel=1e-9)
+
+
+@pytest.mark.parametrize("resolved", [True, False])
+def test_the_rate_of_a_cell_that_was_not_measured_is_assumed_of_the_norm(resolved):
+    """The same one for what a dual solution weighs, and for what cells leave by themselves."""
+    rates, marks = Rates(target("L16"), ORDER, 3, 2), np.full(3, resolved)
+    rates.assume(marks)
+    by_themselves = rates.local_prediction(np.ones(3), 16.0, marks).factors
+    assert by_themselves == pytest.approx(rates.prediction(np.ones(3)).factors, rel=1e-12)
+    assert by_themselves == pytest.approx(2.0 ** (-rates.order * (1.0 if resolved else 0.5)))
 
 
 def test_rates_are_those_of_smooth_solutions_at_most(comm):

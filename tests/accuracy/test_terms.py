@@ -170,6 +170,22 @@ def test_dirichlet_data_between_all_nodes_in_norms_of_the_boundary(compared, nam
     assert 0.9 * size <= estimator.estimate / SAFETY <= 2.0 * size
 
 
+@pytest.mark.parametrize("degree", [2, 3])
+def test_an_estimate_in_l_p_is_no_less_than_what_cells_leave_by_themselves(compared, degree):
+    """The dual solution looks where the bump of the load is, and unresolved cells beside count."""
+
+    def load(x):
+        return 50.0 * ufl.exp(-100.0 * ((x[0] - 0.3) ** 2 + (x[1] - 0.6) ** 2)) + ufl.sin(6 * x[0])
+
+    solved = compared(degree, n=6, asked="L16", load=load, obstacle=-9.0, rule=20)
+    estimator = Estimator(solved.coarse.u.function_space, target("L16"))
+    estimator.compare(solved)
+    comm, left = solved.fine.comm, estimator.local.remaining
+    largest = max(comm.allgather(left.max(initial=0.0)))
+    whole = largest * comm.allreduce(((left / largest) ** 16).sum()) ** (1.0 / 16.0)
+    assert estimator.estimate >= (1.0 - 1e-12) * whole > 0.0
+
+
 @pytest.mark.parametrize("degree", [1, 2, 3])
 def test_data_that_both_solutions_meet_count_once(compared, degree):
     """On sides with data and in contact with an obstacle the error of w is that of the data."""
