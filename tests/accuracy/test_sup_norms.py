@@ -5,7 +5,6 @@ import dolfinx
 import numpy as np
 import pytest
 from dolfinx import fem
-from known import corner
 from mpi4py import MPI
 
 import dolfinx_signorini as ds
@@ -100,35 +99,6 @@ def test_requests_with_the_solution_of_the_paper(comm, degree, norm, accuracy):
     error = ds.error_norms(found.problem.u, exact["u"], [norm])[norm]
     assert 0.05 * accuracy < error <= accuracy
     found.problem.destroy()
-
-
-def largest_on_facets(u, exact):
-    """The largest error at points between the ends of each facet on the boundary."""
-    domain = u.function_space.mesh
-    domain.topology.create_connectivity(1, 2)
-    facets = dolfinx.mesh.exterior_facet_indices(domain.topology)
-    around = domain.topology.connectivity(1, 2)
-    cells = around.array[around.offsets[facets]]
-    ends = domain.geometry.x[dolfinx.mesh.entities_to_geometry(domain, 1, facets).reshape(-1, 2)]
-    off = [0.0]
-    for share in np.linspace(0.0, 1.0, 33):
-        points = ends[:, 0] + share * (ends[:, 1] - ends[:, 0])
-        values = u.eval(points, cells).ravel() if len(cells) else np.zeros(0)
-        off.append(np.abs(values - exact(points[:, 0], points[:, 1])).max(initial=0.0))
-    return domain.comm.allreduce(max(off), op=MPI.MAX)
-
-
-@pytest.mark.parametrize("degrees", [280.0, 310.0])
-def test_on_the_boundary_a_cell_counts_with_its_facet(degrees, comm, parse):
-    """Both sides of a corner have the data 0: all of what r^s leaves there is inside of cells."""
-    known = corner(degrees, {})
-    unknowns = {}
-    for norm in ("Linf", "Linf_boundary"):
-        result = ds.solve_scene(parse(known.text), comm, norm=norm, accuracy=2e-5, degree=2)
-        found, unknowns[norm] = result.found, result.found.steps[-1].unknowns
-        assert found.reached and largest_on_facets(result.u, known.u) <= found.estimate <= 2e-5
-        result.destroy()
-    assert unknowns["Linf_boundary"] < 0.5 * unknowns["Linf"]
 
 
 @pytest.mark.parametrize("bound", ["lower", "upper"])

@@ -27,7 +27,7 @@ from dolfinx_signorini.accuracy.terms import (
     residuals,
 )
 from dolfinx_signorini.meshes.refinement import refined
-from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets, owned_cells
 from dolfinx_signorini.norms.power_sums import total
 from dolfinx_signorini.problem.dirichlet import dirichlet
 
@@ -170,6 +170,28 @@ def test_dirichlet_data_between_all_nodes_in_norms_of_the_boundary(compared, nam
     assert 0.9 * size <= estimator.estimate / SAFETY <= 2.0 * size
 
 
+@pytest.mark.parametrize(
+    ("name", "load", "power"),
+    [("L1", 1.5, 1.0), ("L2", 6.0, 1.0), ("W1_4", 30.0, 4.0), ("L4_boundary", 30.0, 4.0)],
+)
+def test_what_no_comparison_shows_is_added(compared, name, load, power):
+    """Data that vanish at all nodes, and a load that moves a side without data, alone and both."""
+    k = 16.0 * np.pi
+
+    def data(x):
+        return ufl.conditional(x[1] > 1.0 - 1e-9, 0.1 * (1.0 - ufl.cos(k * x[0])), 0)
+
+    found = []
+    for given in ({"data": data}, {"load": load}, {"data": data, "load": load}):
+        solved = compared(1, asked=name, obstacle=-9.0, **given)
+        estimator = Estimator(solved.coarse.u.function_space, target(name))
+        estimator.compare(solved)
+        found.append(estimator.estimate)
+    assert min(found[:2]) > 0.2 * max(found[:2])
+    both = (found[0] ** power + found[1] ** power) ** (1.0 / power)
+    assert found[2] >= 0.9 * both  # data move what a dual solution sees, too
+
+
 @pytest.mark.parametrize("degree", [2, 3])
 def test_an_estimate_in_l_p_is_no_less_than_what_cells_leave_by_themselves(compared, degree):
     """The dual solution looks where the bump of the load is, and unresolved cells beside count."""
@@ -184,6 +206,34 @@ def test_an_estimate_in_l_p_is_no_less_than_what_cells_leave_by_themselves(compa
     largest = max(comm.allgather(left.max(initial=0.0)))
     whole = largest * comm.allreduce(((left / largest) ** 16).sum()) ** (1.0 / 16.0)
     assert estimator.estimate >= (1.0 - 1e-12) * whole > 0.0
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_in_sup_norms_of_the_boundary_a_cell_counts_with_its_facets(compared, degree):
+    """The solutions vanish on three sides, and on the bottom they are free."""
+
+    def load(x):
+        return 50.0 * (1.0 + ufl.sin(5.0 * x[0]) * ufl.cos(4.0 * x[1]))
+
+    solved = compared(degree, asked="Linf_boundary", load=load, obstacle=-9.0)
+    found, domain = solved.norms(solved.detail), solved.coarse.u.function_space.mesh
+    inside = Solved(solved.coarse, solved.fine, solved.parents, target("Linf")).norms(solved.detail)
+    x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
+    ends = [np.abs(x - end) < 1e-9 for end in (0.0, 1.0)]
+    facets = [both[:, :, k].sum(axis=1) > 1 for both in ends for k in range(2)]
+    bottom, at = facets[1], np.any(facets, axis=0)
+    assert (solved.at_boundary == at).all()
+    assert found[~at] == pytest.approx(inside[~at], rel=1e-12) and (inside > 0.0).all()
+    assert (found[at & ~bottom] <= 1e-14).all()
+    fine, largest = solved.fine.space.mesh, np.zeros(len(found))
+    for cell, corners in enumerate(fine.geometry.x[fine.geometry.dofmap[owned_cells(fine)]]):
+        here = corners[corners[:, 1] < 1e-9]
+        if len(here) == 2:
+            line = here[0] + np.linspace(0.0, 1.0, 41)[:, None] * (here[1] - here[0])
+            values = np.abs(solved.detail.eval(line, np.full(41, cell, dtype=np.int32)))
+            largest[solved.parents[cell]] = max(largest[solved.parents[cell]], values.max())
+    assert found[bottom] == pytest.approx(largest[bottom], rel=0.02)
+    assert (found[bottom] < 0.9 * inside[bottom]).any() or not bottom.any()
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
