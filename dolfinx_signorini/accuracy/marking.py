@@ -116,7 +116,7 @@ class Marks:
             singular = np.isfinite(points[:, 0])
             tip = singular & ~between
             left: Array = np.rint(dimension * (wanted - levels))  # bisections
-            left = np.where(singular & ~at, 0.0, left)
+            left = np.where(singular & ~at & (levels > 0.0), 0.0, left)  # each cell, at least once
             if highest(comm, left) == 0.0:
                 return Divided(sided, owners, np.round(levels, 3), singular & ~at)
             tips, whole = _numbers(tip & (left > 0)), _numbers(~tip & (left >= dimension))

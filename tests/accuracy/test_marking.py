@@ -223,6 +223,24 @@ def test_cells_are_divided_towards_an_end_of_contact_between_their_vertices(comm
     assert not divided.away[near].any()
 
 
+@pytest.mark.parametrize("away", [0.7, 1.5, 4.0])
+@pytest.mark.parametrize("level", [0.5, 1.0, 3.0])
+def test_a_marked_cell_is_divided_however_far_away_its_point_is(comm, level, away):
+    """Otherwise a loop with this cell alone would make the same mesh again and again."""
+    sided, _middle = square(comm)
+    levels, points = (
+        np.zeros(len(owned_cells(sided.mesh))),
+        np.full((len(corners(sided)), 3), np.inf),
+    )
+    if len(levels):
+        levels[0] = level
+        points[0] = corners(sided)[0].mean(axis=0) + np.array([away / N, 0.1 / N, 0.0])
+    divided = Marks(levels, points).apply(sided)
+    parts = divided.collected(np.ones(len(divided.levels)), 1.0)
+    assert (parts[levels > 0.0] > 1.0).all()
+    assert count(comm, divided.sided) < count(comm, sided) + 40 * comm.size
+
+
 def test_cells_at_the_limit_of_rounding_are_not_divided(comm, monkeypatch):
     sided, _middle = square(comm)
     at = at_centre(sided)
