@@ -253,7 +253,10 @@ def outcome(request: Request, seconds: float, verbose: bool = False) -> dict[str
         if verbose:
             print(step, file=sys.stderr, flush=True)
 
+    ended: list[bool] = []
+
     def up(*args: Any) -> None:
+        ended.append(True)
         raise TimeUpError
 
     before = signal.signal(signal.SIGPROF, up)
@@ -262,22 +265,22 @@ def outcome(request: Request, seconds: float, verbose: bool = False) -> dict[str
     try:
         found, u = solved(trial, told, name, wanted, accuracy, coarse, on_step)
         signal.setitimer(signal.ITIMER_PROF, 0.0)
-        row |= {"seconds": round(time.process_time() - began, 2), "unknowns": steps[-1].unknowns}
-        row |= {"steps": len(steps)}
+        row["seconds"] = round(time.process_time() - began, 2)
+        row |= {"steps": len(steps), "unknowns": steps[-1].unknowns}
         row |= {"outcome": OUTCOMES[not found.reached], "estimate": found.estimate}
         row |= {"reason": found.stopped, "notes": list(found.notes)}
         truth = Truth(trial, u.function_space.mesh, u)
         row["true"] = truth.functional(wanted) if wanted else truth.norm(name)
         found.problem.destroy()
-    except TimeUpError:
-        row |= {"outcome": "not reached", "reason": f"{seconds:g} s are over"}
+    except (Exception, TimeUpError) as error:
+        known = isinstance(error, InputError | NotConvergedError)
+        row |= {"outcome": "refused" if known else "crashed", "reason": f"{error!r}"}
+        if ended:  # PETSc turns what is raised inside of its calls into errors of its own
+            row |= {"outcome": "not reached", "reason": f"{seconds:g} s are over"}
+        row["seconds"] = round(time.process_time() - began, 2)
         if steps:
             row |= {"unknowns": steps[-1].unknowns, "claimed so far": steps[-1].estimate}
-    except (InputError, NotConvergedError) as error:
-        row |= {"outcome": "refused", "reason": f"{type(error).__name__}: {error}"}
-    except Exception as error:
-        row |= {"outcome": "crashed", "reason": f"{type(error).__name__}: {error}"}
-        if verbose:
+        if verbose and not (known or ended):
             raise
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
