@@ -35,10 +35,7 @@ from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.base.tolerances import PRECISION
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.powers import SingularPoint
-from dolfinx_signorini.meshes.sided_meshes import (
-    cell_corners,
-    owned_cells,
-)
+from dolfinx_signorini.meshes.sided_meshes import cell_corners, owned_cells
 from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.orders import KINK_EXPONENT, SMOOTH, is_finite
 from dolfinx_signorini.norms.power_sums import joined, total
