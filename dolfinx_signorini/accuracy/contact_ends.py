@@ -43,10 +43,9 @@ def rate_at_ends(target: Target, in_domain: bool = False) -> float:
         in_domain: Whether the obstacle is in the domain.
     """
     # The dual solution has r^{1/2} for r^{3/2}, and in the domain the distance for its square.
-    if in_domain:
-        return target.singular_order(FREE_BOUNDARY_EXPONENT, FREE_BOUNDARY_EXPONENT - 1.0, 1)
     # The ends are points in the plane, and curves in space.
-    return target.singular_order(DETACHMENT_EXPONENT, DETACHMENT_EXPONENT - 1.0)
+    exponent, dimension = (FREE_BOUNDARY_EXPONENT, 1) if in_domain else (DETACHMENT_EXPONENT, 2)
+    return float(target.singular_order(exponent, exponent - 1.0, dimension))
 
 
 def cells_at_contact_ends(zone: Contact, parents: LocalIndices, count: int) -> Mask:

@@ -1,4 +1,4 @@
-"""Errors in sup norms, as the highest derivatives of a solution tell them.
+"""Errors in sup norms, and orders that are lost, as the highest derivatives of a solution tell.
 
 Let w be the solution of degree k on the mesh with every cell divided, and I w its interpolation on
 the undivided mesh. On each part of a cell the derivatives of order k of w are constant. These
@@ -11,6 +11,10 @@ of the values of u, and c' h^k |D^{k+1} u| of the first derivatives, with c' = 1
 bends more in one part of a cell than in the others, the derivatives of this part tell so, and the
 size of w - I w on the whole cell does not.
 
+Around a singular point, where u is like r^a, the derivatives of order k grow by the factor
+2^(k - a) in a division, and the error in energy falls by 2^-a and not by 2^-k: k - a is the order
+that is lost. Of a smooth solution these derivatives change the less, the smaller the cells are.
+
 Source: Davis, Interpolation and Approximation, Blaisdell (1963), Theorem 3.1.1.
 """
 
@@ -20,13 +24,16 @@ from itertools import product
 import basix
 import numpy as np
 from dolfinx import fem
+from dolfinx.mesh import Mesh
 
 from dolfinx_signorini.accuracy.cells import blocks_of_cells
-from dolfinx_signorini.base.arrays import Array
+from dolfinx_signorini.base.arrays import Array, LocalIndices
+from dolfinx_signorini.base.ranks import largest
 from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.jacobians import inverses
-from dolfinx_signorini.meshes.sided_meshes import cell_edges
+from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
 from dolfinx_signorini.norms.pointwise import length
+from dolfinx_signorini.norms.power_sums import collected
 
 EXCESS = 2.5  # for half an edge 2, and what elements leave beyond interpolation
 
@@ -75,3 +82,33 @@ def highest_derivatives(f: fem.Function, derivatives: float) -> Array:
             sizes.append(np.linalg.norm(values.reshape(len(block), dim**degree), axis=1))
         found.append(length(sizes) / size**derivatives)
     return np.concatenate(found)
+
+
+def lost_order(f: fem.Function, detail: fem.Function, domain: Mesh, parents: LocalIndices) -> Array:
+    """Tell how much order is lost, as the growth of the highest derivatives has it; collective.
+
+    A cell counts as the worst of its vertices, and a vertex as the cells around: a singular point
+    is seen from the next cells, too, and derivatives that vanish in one cell by chance do not look
+    like growth.
+
+    Args:
+        f: The function, of a Lagrange space on straight-sided cells, each one a part of a cell.
+        detail: What f has beyond its interpolation on the undivided cells.
+        domain: The mesh of the undivided cells.
+        parents: The undivided cell around each owned cell.
+
+    Returns:
+        For each owned cell of `domain` the logarithm to the base 2 of the growth.
+    """
+    cells, degree = owned_cells(domain), f.function_space.element.basix_element.degree
+    around, before = domain.geometry.dofmap[cells], fem.Function(f.function_space)
+    before.x.array[:] = f.x.array - detail.x.array
+    sizes = []
+    for part in (detail, before):
+        derivatives = highest_derivatives(part, degree)
+        on_cells = collected(derivatives, parents, len(cells), math.inf)
+        values = np.broadcast_to(on_cells[:, None], around.shape)
+        sizes.append(largest(domain.geometry.index_map(), around, values)[around])
+    with np.errstate(all="ignore"):
+        lost = np.log2(1.0 + sizes[0] / sizes[1])
+    return np.asarray(np.where(sizes[0] > 0.0, lost, 0.0).max(axis=1, initial=0.0))

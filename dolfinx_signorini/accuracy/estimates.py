@@ -113,7 +113,7 @@ class Estimator:
             self._look_at_data(solved)
         if measure:
             self.rates.measure(found.local)
-        self.rates.assume(found.resolved)
+        self.rates.assume(found.lost)
         ends, domain = np.zeros(solved.count, dtype=bool), solved.coarse.u.function_space.mesh
         for zone in solved.fine.zones:
             here = cells_at_contact_ends(zone, solved.parents, solved.count)
@@ -121,7 +121,7 @@ class Estimator:
             self.rates.places[here] = places_of_ends(zone, domain, here)
             ends |= here
         kinks = cells_at_kinks(solved.fine, solved.parents, solved.count)
-        rate = self._target.singular_order(KINK_EXPONENT, KINK_EXPONENT, 1)
+        rate = float(self._target.singular_order(KINK_EXPONENT, KINK_EXPONENT, 1))
         self.rates.know(kinks, rate, rate)
         # The dofs around a kink are those of the obstacle: all of the difference is made there.
         self.found = found = replace(found, cells=np.where(kinks, found.moved, found.cells))
@@ -301,7 +301,7 @@ class Estimator:
         if norm is None or norm.boundary or not self._target.weighted:
             return
         norms = SAFETY * solved.norms(solved.detail)
-        self.local = self.rates.local_prediction(norms, norm.p, self.found.resolved)
+        self.local = self.rates.local_prediction(norms, norm.p, self.found.lost)
         parts = shared_out(self.local.remaining, norm.p, self._comm)
         self.prediction = replace(self.prediction, remaining=np.maximum(left, parts))
         self.estimate = max(self.estimate, total(self.local.remaining, norm.p, self._comm))

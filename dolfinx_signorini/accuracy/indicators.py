@@ -11,7 +11,7 @@ where the difference comes from:
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import ufl
@@ -24,7 +24,7 @@ from dolfinx_signorini.accuracy.boundary_defects import (
 )
 from dolfinx_signorini.accuracy.cells import over, powers_tested
 from dolfinx_signorini.accuracy.contact_ends import unknown_ends
-from dolfinx_signorini.accuracy.derivatives import highest_derivatives, left_by_derivatives
+from dolfinx_signorini.accuracy.derivatives import left_by_derivatives, lost_order
 from dolfinx_signorini.accuracy.negative_pressure import negative_pressure
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.accuracy.terms import (
@@ -39,7 +39,7 @@ from dolfinx_signorini.accuracy.terms import (
     product,
     quadrature,
 )
-from dolfinx_signorini.base.arrays import Array, Mask
+from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.meshes.elements import (
     coefficients_of,
@@ -48,9 +48,8 @@ from dolfinx_signorini.meshes.elements import (
 )
 from dolfinx_signorini.meshes.quadrature import FACET_RULE
 from dolfinx_signorini.norms.pointwise import length
-from dolfinx_signorini.norms.power_sums import collected, joined, total
+from dolfinx_signorini.norms.power_sums import joined, total
 
-AWAY = 2.0  # sizes of a cell: so near are singular points to cells that do not resolve them
 # Terms of the error of w, which no comparison shows.
 UNSEEN: tuple[Term, ...] = (
     quadrature,
@@ -76,29 +75,30 @@ class Indicators:
             sum of the sizes of what cells add to the functional of the difference.
         cells: For each owned cell of the coarse mesh what the cell adds to the difference; the
             power with which these numbers add up is that of the target.
-        known: With a dual solution of a norm, what each cell adds at dofs where both solutions meet
-            known data, see `terms.met`; else 0.
-        local: For each cell the part of `cells` that the solution alone tells: with a dual
-            solution about the energy of w - I w, and else the whole.
         moved: In sup norms the larger one of `cells` and the norm of w - u_h on the cell; otherwise
             `cells`.
-        left: In sup norms what the derivatives of w tell of its error on the cell; otherwise 0.
+        local: For each cell the part of `cells` that the solution alone tells: with a dual
+            solution about the energy of w - I w, and else the whole.
         unseen: What the terms add to the error of w that no comparison shows.
-        algebra: With a dual solution, what the iterations of the solve leave in the target; else 0.
-        resolved: Whether the solutions are smooth in the cell, as far as their derivatives tell.
+        lost: How much order is lost, see `lost_order`; with the dual solution of a functional the
+            mean of both solutions.
+        known: With a dual solution of a norm, what each cell adds at dofs where both solutions meet
+            known data, see `terms.met`; else 0.
+        left: In sup norms what the derivatives of w tell of its error on the cell; otherwise 0.
         signed: With a dual solution what each cell adds to J(w - u_h), with its sign; else 0.
+        algebra: With a dual solution, what the iterations of the solve leave in the target; else 0.
     """
 
     difference: float
     cells: Array
-    known: Array
-    local: Array
     moved: Array
-    left: Array
+    local: Array
     unseen: Array
-    algebra: float
-    resolved: Mask
-    signed: Array
+    lost: Array
+    known: Array | float = 0.0
+    left: Array | float = 0.0
+    signed: Array | float = 0.0
+    algebra: float = 0.0
 
 
 def indicators(solved: Solved) -> Indicators:
@@ -107,15 +107,15 @@ def indicators(solved: Solved) -> Indicators:
     Args:
         solved: The two solutions.
     """
-    fine, parents, target, count = solved.fine, solved.parents, solved.target, solved.count
-    zero, norm, resolved = np.zeros(count), target.norm, _resolved(solved, fine.u, solved.detail)
+    fine, target, detail = solved.fine, solved.target, solved.detail
+    norm, lost = target.norm, _lost(solved, fine.u, detail)
     if target.weighted:
         apart = solved.distance
         load = _derivative(solved.error, target)
         dual = dual_solution(solved, load, None if norm is None else apart)
         terms = TERMS if norm is not None else (*TERMS, met)
         signed, cells = np.sum([term(solved, dual) for term in terms], axis=0)
-        known = zero
+        known: Array | float = 0.0
         if norm is not None:
             known = met(solved, dual)[1]
             both = total(cells + known, 1.0, fine.comm)
@@ -125,24 +125,22 @@ def indicators(solved: Solved) -> Indicators:
             apart = max(apart, total(np.abs(signed), 1.0, fine.comm))
             cells *= apart / (total(cells, 1.0, fine.comm) or 1.0)
             if not target.rough:
-                resolved &= _resolved(solved, dual.z, dual.detail)
-        local = np.sqrt(solved.on_cells(product(solved.residual, solved.detail))[1])
-        rest, left = _unseen(solved, dual), algebra(solved, dual)[0].sum()
-        iterated = abs(fine.comm.allreduce(float(left)))
-        return Indicators(apart, cells, known, local, cells, zero, rest, iterated, resolved, signed)
+                lost = 0.5 * (lost + _lost(solved, dual.z, dual.detail))
+        local = np.sqrt(solved.on_cells(product(solved.residual, detail))[1])
+        iterated = abs(fine.comm.allreduce(float(algebra(solved, dual)[0].sum())))
+        found = Indicators(apart, cells, cells, local, _unseen(solved, dual), lost)
+        return replace(found, known=known, signed=signed, algebra=iterated)
     assert norm is not None
     rest = _unseen(solved, None)
-    moved, detail = solved.norms(solved.error), solved.detail
+    moved = solved.at_facets(solved.norms(solved.error), solved.error)
     apart = total(moved, norm.p, fine.comm)
     if not math.isinf(norm.p):
-        return Indicators(apart, moved, zero, moved, moved, zero, rest, 0.0, resolved, zero)
-    cells = solved.norms(detail)
+        return Indicators(apart, moved, moved, moved, rest, lost)
+    inside = solved.norms(detail)
+    cells = solved.at_facets(inside, detail)
     left = solved.unit * left_by_derivatives(detail, norm.derivatives)
-    left = collected(left, parents, count, norm.p)
-    if target.on_boundary:  # so much as is there of the detail
-        left *= over(cells, collected(target.on_cells(detail), parents, count, norm.p))
-    moved = np.maximum(cells, moved)
-    return Indicators(apart, cells, zero, cells, moved, left, rest, 0.0, resolved, zero)
+    left = solved.collected(left) * over(cells, inside)
+    return Indicators(apart, cells, np.maximum(cells, moved), cells, rest, lost, left=left)
 
 
 def _unseen(solved: Solved, dual: Dual | None) -> Array:
@@ -153,24 +151,8 @@ def _unseen(solved: Solved, dual: Dual | None) -> Array:
     return parts
 
 
-def _resolved(solved: Solved, f: fem.Function, detail: fem.Function) -> Mask:
-    """Tell in which cells the highest derivatives of a function hardly change.
-
-    At the distance m h from a singular point, h the size of the cell, the derivatives of the degree
-    k and the next one have about the ratio k / (m h), and those of degree k change by a third of
-    this, times h, from a part of the cell to the whole. At the point itself both are of one size.
-    The dual solution of a norm changes from cell to cell, as the error does.
-
-    Args:
-        solved: The two solutions.
-        f: A function on the divided mesh.
-        detail: What f has beyond its interpolation on the undivided mesh.
-    """
-    result = np.ones(solved.count, dtype=bool)
-    near = solved.fine.space.element.basix_element.degree / (3.0 * AWAY)
-    sizes, changes = (highest_derivatives(part, 0.0) for part in (f, detail))
-    result[solved.parents[changes > near * sizes]] = False
-    return result
+def _lost(solved: Solved, f: fem.Function, detail: fem.Function) -> Array:
+    return lost_order(f, detail, solved.coarse.u.function_space.mesh, solved.parents)
 
 
 def _derivative(error: fem.Function, target: Target) -> fem.Function:

@@ -20,8 +20,9 @@ solution is known, and a rate that was measured between this one and the rate fo
 tells how much of the indicator is singular: this part falls more slowly than the rest, and is the
 larger part of what divisions leave. An indicator may be the product of a part of the
 solution and a part of a dual solution, which is another one on every mesh: then the part of the
-solution is measured alone, and the rate of the product is twice that of the part; but for a dual
-solution that jumps, which adds no rate of its own.
+solution is measured alone, in energy, and tells the rate of the product, see
+`Target.order_of_products`. Before a cell has been divided, the growth of the highest derivatives
+tells what the rate for smooth solutions loses.
 """
 
 import numpy as np
@@ -69,8 +70,8 @@ class Rates:
     def __init__(self, target: Target, degree: int, count: int, dimension: int):
         self.order, self.dimension = target.order(degree), dimension
         self.power, self.exponent = target.power, target.exponent
-        self._power = 2.0 if target.weighted else target.power
-        self._times = 2.0 if target.weighted and not target.rough else 1.0
+        self._target, self._power = target, 2.0 if target.weighted else target.power
+        self._in_energy = target.order_in_energy(np.array(self.order))
         self._in_slopes = target.norm is not None and target.norm.derivatives > 0.0
         self.corners: Array = np.full(count, np.inf)
         self.at_corners: Mask = np.zeros(count, dtype=bool)
@@ -93,14 +94,22 @@ class Rates:
         self.values = np.where(cells, np.clip(self.values, least, most), self.values)
         self._known = self._known | cells
 
-    def assume(self, resolved: Mask) -> None:
-        """Take cells whose rates have not been measured to be smooth where they look so.
+    def assume(self, lost: Array) -> None:
+        """Take cells whose rates have not been measured to lose what their derivatives tell.
+
+        A solution r^a has derivatives of the order k of the degree that grow by 2^(k - a) in a
+        division: so much less than in cells with a smooth solution falls the error in energy. In
+        L^p the volume of the cells around the point counts, too, which may lie on an edge in space.
 
         Args:
-            resolved: Whether a cell looks smooth, see `Indicators`.
+            lost: The logarithm of this growth, see `Indicators`.
         """
-        slow = np.minimum(_of_theory(self.corners), SINGULAR * self.order)
-        unknown = np.where(resolved, self.order, slow)
+        of_ball = np.minimum(lost, 1.0) * (1.0 - 2.0 / self._power)
+        order = np.maximum(self._in_energy - lost - of_ball, 0.0)
+        least = SINGULAR * self.order
+        assumed = np.clip(self._target.order_of_products(order, order), least, self.order)
+        slow = np.minimum(_of_theory(self.corners), assumed)
+        unknown = np.where(assumed < self.order, slow, self.order)
         self.values = np.where(self._measured, self.values, unknown)
 
     @property
@@ -113,7 +122,7 @@ class Rates:
         """Whether each cell is at a corner at which divisions were seen twice to gain nothing."""
         return (self._stood > 1) & self.at_corners
 
-    def local_prediction(self, norms: Array, p: float, resolved: Mask) -> Prediction:
+    def local_prediction(self, norms: Array, p: float, lost: Array) -> Prediction:
         """Return what cells leave in an L^p norm by themselves.
 
         Where the energy norm of an error falls with the rate s, an L^p norm falls with s + 1. At a
@@ -124,13 +133,13 @@ class Rates:
         Args:
             norms: The L^p norms of w - I w on the cells.
             p: The exponent.
-            resolved: Whether a cell looks smooth, see `Indicators`; others may have such a point.
+            lost: See `assume`.
         """
         least = np.where(self._measured, (1.0 - ROUNDING) * self.order, SINGULAR * self.order)
         of_norm = self.values >= least
         singular = self.values < SINGULAR * self.order
-        at_points = np.where(resolved, 0.0, self.dimension * (0.5 - 1.0 / p))
-        rates = self.values / self._times + 1.0 - at_points
+        at_points = np.minimum(lost, 1.0) * self.dimension * (0.5 - 1.0 / p)
+        rates = self._target.order_in_energy(self.values) + 1.0 - at_points
         rho = 2.0 ** -np.where(of_norm, self.values, np.clip(rates, SLOWEST, self.order))
         remaining = norms * rho / (1.0 - rho)
         return Prediction(remaining, rho, singular, self._confirmed, p, p, self.places)
@@ -195,7 +204,8 @@ class Rates:
         divided_enough = np.where(singular, deepest > 0.0, parts >= 2.0**self.dimension)
         told = divided_enough & (before > 0.0) & (now > 0.0)
         with np.errstate(all="ignore"):
-            rates = np.clip(-self._times * np.log2(now / before) / depth, SLOWEST, self.order)
+            order = -np.log2(now / before) / depth
+        rates = np.clip(self._target.order_of_products(order, order), SLOWEST, self.order)
         rates, told = owned(self._smoothed(rates, before, told)), owned(told)
         new = told & ~divided.away
         self.values = np.where(new, self._lasting(rates, owned(depth)), self.values)
@@ -209,7 +219,7 @@ class Rates:
         self.values = np.where(smooth, self.order, self.values)
         self._confirmed |= slow & ~smooth & towards & ~divided.away
         # A cell away from the point may have the singular point itself, which is no vertex yet.
-        similar = owned(before) * 2.0 ** (-self._slow / self._times * levels)
+        similar = owned(before) * 2.0 ** (-self._target.order_in_energy(self._slow) * levels)
         missed = divided.away & (cells > NOTABLE * similar)
         self.values = np.where(missed, np.minimum(self._slow, self.values), self.values)
 
@@ -220,11 +230,15 @@ class Rates:
             rates: The measured rates of cells.
             depth: The divisions from which the rates were measured.
         """
+        # In energy squares add up, of which the product of the singular parts has the root.
+        times = 2.0 if self._target.weighted and not self._target.rough else 1.0
         slow = np.minimum(_of_theory(self.corners), self.order)
-        whole, smooth, singular = (2.0 ** (-s * depth) for s in (rates, self.order, slow))
+        in_energy = self._target.order_in_energy
+        orders = in_energy(rates), self._in_energy, in_energy(slow)
+        whole, smooth, singular = (2.0 ** (-times * each * depth) for each in orders)
         with np.errstate(all="ignore"):
             shares = (whole - smooth) / (singular - smooth) * singular / whole
-        shares = np.clip(shares, 0.0, 1.0) ** (1.0 / self._times)
+        shares = np.clip(shares, 0.0, 1.0) ** (1.0 / times)
         left = [2.0**-s / (1.0 - 2.0**-s) for s in (self.order, slow)]
         both = (1.0 - shares) * left[0] + shares * left[1]
         # What is slower than theory has data that nobody has read.

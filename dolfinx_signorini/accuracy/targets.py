@@ -86,21 +86,45 @@ class Target:
         Args:
             degree: The degree of the elements.
         """
-        if self.norm is None:
-            return (1.0 if self.rough else 2.0) * degree
+        if self.weighted or self.norm is None:
+            return float(self.order_of_products(np.array(degree), np.array(degree)))
         return degree + 1.0 - self.norm.derivatives
 
-    def singular_order(self, exponent: Numbers, dual: Numbers, dimension: int = 2) -> Numbers:
+    def order_of_products(self, order: Array, dual: Array) -> Array:
+        """Return the order of what cells add, products of parts of both solutions in energy.
+
+        The load of the dual solution of a norm is the error, another one on each mesh: such a dual
+        solution adds what its norm gains on the energy, at most. One that jumps adds nothing.
+
+        Args:
+            order: The order of the solution in energy; without a dual solution, of what cells add.
+            dual: That of the dual solution.
+        """
+        return order + np.minimum(dual, self._gain)
+
+    def order_in_energy(self, order: Array) -> Array:
+        """Return the order in energy of two solutions of one order whose products have an order."""
+        return np.maximum(0.5 * order, order - self._gain)
+
+    @property
+    def _gain(self) -> float:
+        """The order that a dual solution adds at most."""
+        if not self.weighted or self.rough:
+            return 0.0
+        return math.inf if self.norm is None else 1.0 - self.norm.derivatives
+
+    def singular_order(self, exponent: Numbers, dual: Numbers, dimension: int = 2) -> Array:
         """Return the orders in which divisions towards a singular point reduce the error.
 
         Args:
             exponent: The exponents a of solutions like r^a.
-            dual: The exponents of the dual solutions; a term of the error is a product in energy.
+            dual: The exponents of the dual solutions.
             dimension: That of the space in which r is the distance, see `orders.is_finite`.
         """
         if self.weighted or self.norm is None:
-            return exponent + (0.0 if self.rough else dual) - 2.0 + dimension
-        return singular_order(self.norm, exponent, dimension)
+            both = (np.asarray(each) - 1.0 + 0.5 * dimension for each in (exponent, dual))
+            return self.order_of_products(*both)
+        return np.asarray(singular_order(self.norm, exponent, dimension))
 
     def on_cells(self, f: fem.Function) -> Array:
         """Return the norm that is meant of a function on each owned cell; collective."""

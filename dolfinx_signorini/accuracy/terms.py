@@ -217,14 +217,19 @@ class Solved:
         return len(owned_cells(self.coarse.u.function_space.mesh))
 
     def norms(self, f: fem.Function) -> Array:
-        """Return the norm of a function of the divided mesh on each undivided cell; collective.
+        """Return the norm of a function of the divided mesh on each undivided cell; collective."""
+        return self.collected(self.target.on_cells(f))
 
-        Of a sup norm of the boundary, cells at the boundary have what is on their facets there.
+    def at_facets(self, norms: Array, f: fem.Function) -> Array:
+        """Return norms of a function on cells; of a sup norm of the boundary, those on facets.
+
+        Args:
+            norms: The norms on the undivided cells; those of cells inside of the domain stay.
+            f: The function, on the divided mesh; the call is collective.
         """
-        norms = self._collected(self.target.on_cells(f))
         if not self.target.on_boundary:
             return norms
-        return np.where(self.at_boundary, self._collected(largest_on_boundary(f)), norms)
+        return np.where(self.at_boundary, self.collected(largest_on_boundary(f)), norms)
 
     @functools.cached_property
     def at_boundary(self) -> Mask:
@@ -233,7 +238,7 @@ class Solved:
         result[facet_cells(domain, boundary_facets(domain))[:, 0]] = True
         return result
 
-    def _collected(self, parts: Array) -> Array:
+    def collected(self, parts: Array) -> Array:
         """Put norms on the cells of the divided mesh together for the undivided cells."""
         assert self.target.norm is not None
         return collected(parts, self.parents, self.count, self.target.norm.p)
@@ -245,7 +250,7 @@ class Solved:
             parts: The norm of the part on each cell of the divided mesh.
         """
         assert self.target.norm is not None
-        parts = self._collected(parts)
+        parts = self.collected(parts)
         if self.target.weighted:  # parts of cells add up as they are
             parts = shared_out(parts, self.target.norm.p, self.fine.comm)
         return np.array([parts, parts])

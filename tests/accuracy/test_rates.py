@@ -4,12 +4,16 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
+from hypothesis import given
+from hypothesis.strategies import floats
 from mpi4py import MPI
 
+from dolfinx_signorini.accuracy.derivatives import lost_order
 from dolfinx_signorini.accuracy.marking import Marks, mark_worst
 from dolfinx_signorini.accuracy.rates import SINGULAR, SLOWEST, Rates
 from dolfinx_signorini.accuracy.targets import target
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes.refinement import Transfer, refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
 
 ORDER = 3  # of the derivatives of smooth solutions, with elements of this degree
@@ -71,7 +75,7 @@ def test_norms_fall_at_a_singular_vertex_as_the_energy_tells(p, exponent):
         norms.append(fem.assemble_scalar(fem.form(abs(e) ** p * dx)) ** (1.0 / p))
     rates = Rates(target(f"L{p}"), 2, 1, 2)
     rates.values[:] = 2.0 * np.log2(energies[0] / energies[1])
-    factor = rates.local_prediction(np.ones(1), float(p), np.zeros(1, dtype=bool)).factors[0]
+    factor = rates.local_prediction(np.ones(1), float(p), np.ones(1)).factors[0]
     assert factor == pytest.approx(max(norms[1] / norms[0], 2.0**-3), rel=1e-9)
 
 
@@ -106,19 +110,74 @@ def test_norms_fall_by_one_order_more_than_the_energy_of_smooth_parts(comm):
     rates, divided, before = after_division(comm, "L16", all_of_them)
     rate, count = 1.25, len(divided.levels)
     rates.measure(divided.owners.of(before) * 2.0**-rate / 2.0)  # the root of four squares
-    smooth = np.ones(count, dtype=bool)
-    factors = rates.local_prediction(np.ones(count), 16.0, smooth).factors
+    factors = rates.local_prediction(np.ones(count), 16.0, np.zeros(count)).factors
     assert factors == pytest.approx(2.0 ** -(rate + 1.0), rel=1e-9)
 
 
-@pytest.mark.parametrize("resolved", [True, False])
-def test_the_rate_of_a_cell_that_was_not_measured_is_assumed_of_the_norm(resolved):
+@pytest.mark.parametrize(("lost", "order"), [(0.0, 4.0), (0.75, 3.25), (9.0, 2.0), (np.inf, 2.0)])
+def test_the_rate_of_a_cell_that_was_not_measured_is_assumed_of_the_norm(lost, order):
     """The same one for what a dual solution weighs, and for what cells leave by themselves."""
-    rates, marks = Rates(target("L16"), ORDER, 3, 2), np.full(3, resolved)
-    rates.assume(marks)
-    by_themselves = rates.local_prediction(np.ones(3), 16.0, marks).factors
+    rates, lost = Rates(target("L16"), ORDER, 3, 2), np.full(3, lost)
+    rates.assume(lost)
+    by_themselves = rates.local_prediction(np.ones(3), 16.0, lost).factors
     assert by_themselves == pytest.approx(rates.prediction(np.ones(3)).factors, rel=1e-12)
-    assert by_themselves == pytest.approx(2.0 ** (-rates.order * (1.0 if resolved else 0.5)))
+    assert by_themselves == pytest.approx(2.0**-order, rel=1e-12)
+
+
+def lost_by(comm, f, degree):
+    """The order that interpolants of a function lose, and the vertices of the cells."""
+    sided = SidedMesh(friedrichs_keller(comm, 4), {})
+    division = refined(sided)
+    coarse, fine = (
+        fem.functionspace(domain, ("Lagrange", degree))
+        for domain in (sided.mesh, division.sided.mesh)
+    )
+    transfer, w, detail = Transfer(coarse, fine, division.parents), *map(fem.Function, (fine, fine))
+    w.interpolate(f)
+    detail.x.array[:] = w.x.array - transfer.prolong(transfer.restrict(w)).x.array
+    vertices = sided.mesh.geometry.x[sided.mesh.geometry.dofmap[owned_cells(sided.mesh)]]
+    return lost_order(w, detail, sided.mesh, division.parents), vertices
+
+
+@pytest.mark.parametrize(
+    ("degree", "exponent"), [(1, 0.4), (1, 0.6), (2, 0.6), (2, 1.5), (3, 0.4), (3, 1.5), (4, 1.5)]
+)
+def test_derivatives_tell_the_rate_at_a_vertex_before_any_division(comm, degree, exponent):
+    """Interpolants of r^a: the derivatives of order k grow by about 2^(k - a)."""
+    lost, x = lost_by(comm, lambda x: np.real((x[0] + 1j * x[1]) ** exponent), degree)
+    at, beside = (np.linalg.norm(x, axis=2).min(axis=1) < width for width in (1e-9, 0.3))
+    assert comm.allreduce(int(at.sum())) == 2
+    assert (lost[beside] >= 0.9 * (degree - exponent)).all()
+    assert lost[at] == pytest.approx(degree - exponent, abs=0.25)
+    for name in ("H1", "L2", "L16", "H1_2_boundary"):
+        rates = Rates(target(name), degree, len(lost), 2)
+        rates.assume(lost)
+        theory = float(target(name).singular_order(exponent, exponent))
+        expected = np.clip(theory, SINGULAR * rates.order, rates.order)
+        assert rates.values[at] == pytest.approx(expected, abs=0.3)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_smooth_solutions_lose_the_less_the_smaller_the_cells_are(comm, degree):
+    found = []
+    for wave in (2.0, 1.0):  # as if cells were half as wide
+        lost, _ = lost_by(comm, lambda x, wave=wave: np.exp(wave * (x[0] + 0.3 * x[1])), degree)
+        found.append(comm.allreduce(lost.max(initial=0.0), op=MPI.MAX))
+    assert found[0] < 0.5
+    assert 1.6 < found[0] / found[1] < 2.4
+
+
+@pytest.mark.parametrize(
+    ("name", "gain"), [("L1", 1), ("L16", 1), ("L2_boundary", 1), ("H1_2_boundary", 0.5), ("H1", 0)]
+)
+@given(order=floats(0.0, 9.0), dual=floats(0.0, 9.0))
+def test_the_dual_solution_of_a_norm_adds_what_the_norm_gains(name, gain, order, dual):
+    wanted, own = target(name), np.array(order)
+    added = float(wanted.order_of_products(own, np.array(dual))) - order
+    assert added == pytest.approx(min(dual, gain))
+    assert float(wanted.order_of_products(np.array(3.0), np.array(3.0))) == wanted.order(3)
+    back = wanted.order_in_energy(wanted.order_of_products(own, own))
+    assert float(back) == pytest.approx(order)
 
 
 def test_rates_are_those_of_smooth_solutions_at_most(comm):
@@ -181,7 +240,7 @@ def test_a_product_with_a_singular_dual_solution_falls_as_slowly(comm):
     rates, divided, before = after_division(comm, "L2", all_of_them)
     fall = 2.0 ** (-4.0 / 3.0)  # of the products, and of the squares
     rates.corners = np.full(len(divided.levels), 4.0 / 3.0)
-    smooth, corner = 2.0**-rates.order, 0.01 * fall
+    smooth, corner = 4.0**-ORDER, 0.01 * fall
     before[:] = np.sqrt(1.0 + 0.01)
     rates.measure(np.full(len(divided.levels), np.sqrt(smooth + corner) / 2.0))
     left = np.sqrt(corner / (smooth + corner)) * fall / (1.0 - fall)
