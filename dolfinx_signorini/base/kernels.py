@@ -38,6 +38,7 @@ int64_t carried({MATRIX}, int64_t count,
                 const {INT} *those, const {INT} *owned, const double *change,
                 const {INT} *first, const {INT} *parents, const double *weights,
                 const {INT} *begin, const {INT} *numbers, double *product, {CHANGES});
+void fill({MATRIX}, int64_t count, const int32_t *those, double value, double *result);
 void counts({MATRIX}, int32_t *number);
 void sizes({MATRIX}, double *sums);
 int64_t units({MATRIX}, const int32_t *number, int32_t *found, int32_t *parents);
@@ -151,6 +152,12 @@ int64_t carried({MATRIX}, int64_t count,
       }}
   }}
   return found;
+}}
+void fill({MATRIX}, int64_t count, const int32_t *those, double value, double *result)
+{{
+  for (int64_t c = 0; c < count; ++c)
+    for ({INT} p = starts[those[c]]; p < starts[those[c] + 1]; ++p)
+      if (columns[p] == those[c]) result[p] = value;
 }}
 void counts({MATRIX}, int32_t *number)
 {{

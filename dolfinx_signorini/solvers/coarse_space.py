@@ -24,7 +24,7 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.lookups import Lookup
 from dolfinx_signorini.base.petsc import destroy
-from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.ranks import anywhere, highest
 from dolfinx_signorini.base.tolerances import HALF_OF_THE_DIGITS
 from dolfinx_signorini.solvers.cascade import RATIO
 from dolfinx_signorini.solvers.linear.solver import has_few_dofs
@@ -93,19 +93,21 @@ def out_of_reach(system: System, x: PETSc.Vec) -> bool:
     ones, sums = system.A.createVecs()
     ones.array_w[:] = free
     system.A.mult(ones, sums)
-    diagonal = system.A.getDiagonal()
     rows, load = free * sums.array_r, free * system.b.array_r
-    dim = system.space.mesh.topology.dim
-    couplings = 2.0 * dim * float(system.unknowns) ** max(1.0, 2.0 / dim)
-    scales = np.maximum(rows, diagonal.array_r / couplings)
-    destroy(ones, sums, diagonal)
+    destroy(ones, sums)
     reaction, total = system.comm.allreduce(np.array([rows.sum(), load.sum()]))
     if not reaction > 0.0:
         return False
     constant = total / reaction
-    reach = highest(system.comm, np.abs(load - constant * rows) / scales)
     beyond = system.signs * (system.obstacle - constant)
-    if highest(system.comm, reach + beyond) > 0.0:
+    if anywhere(system.comm, beyond > 0.0):
+        return False
+    diagonal, dim = system.A.getDiagonal(), system.space.mesh.topology.dim
+    couplings = 2.0 * dim * float(system.unknowns) ** max(1.0, 2.0 / dim)
+    scales = np.maximum(rows, diagonal.array_r / couplings)
+    diagonal.destroy()
+    reach = highest(system.comm, np.abs(load - constant * rows) / scales)
+    if anywhere(system.comm, reach + beyond > 0.0):
         return False
     x.array_w[:] = constant
     system.project(x)

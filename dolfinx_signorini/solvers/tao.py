@@ -242,7 +242,7 @@ class TaoRounds:
         rhs.array_w[fixed] = 0.0
         rhs.scale(-1.0 / (unit * self.size))
         vectors["step"].set(0.0)
-        for name, bounds in zip(("lower", "upper"), self.system.bounds, strict=True):
+        for name, bounds in zip(("lower", "upper"), self.system.bounds_with_data, strict=True):
             with np.errstate(over="ignore"):  # an obstacle out of reach is none
                 values = (bounds - x.array_r) / unit
             vectors[name].array_w[:] = np.clip(values, PETSc.NINFINITY, PETSc.INFINITY)

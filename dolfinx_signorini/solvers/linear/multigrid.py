@@ -114,7 +114,7 @@ class Multigrid:
             # A coarse function at held dofs alone is zero.
             dead = Rows(prolongation).largest(np.where(dead, 0.0, 1.0)) <= 0.0
             self._filled.append(np.flatnonzero(dead).astype(np.int32))
-            _fill(coarse, self._filled[-1], diagonal)
+            Rows(coarse).fill(self._filled[-1], diagonal)
         # Coarse functions may differ at held dofs alone: the product is singular, which no factor
         # takes. The difference is 0 at all free dofs, so that its coefficient does not matter.
         _scale_diagonal(self.matrices[-1], 1.0 + ROUNDING)
@@ -178,14 +178,14 @@ class Multigrid:
         if not whole and last is None:
             self._finest.zeroRowsColumns(held + A.getOwnershipRange()[0], diag=0.0)
             self._multiply(self._finest)
-            _fill(self._finest, held, diagonal)
+            Rows(self._finest).fill(held, diagonal)
             return
         if whole:
             _copy(self._whole, self.matrices)
             last = np.zeros_like(off)
         else:
             for product, rows in zip(self.matrices, self._filled, strict=True):
-                _fill(product, rows, 0.0)
+                Rows(product).fill(rows, 0.0)
         assert last is not None
         fine = Rows(A)
         changes = fine.changes(last, off, diagonal, Rows(self._finest))
@@ -416,11 +416,3 @@ def _copy(matrices: Sequence[PETSc.Mat], others: Sequence[PETSc.Mat]) -> None:
     """Copy the entries of matrices into others of the same patterns."""
     for matrix, other in zip(matrices, others, strict=True):
         matrix.copy(other, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-
-
-def _fill(matrix: PETSc.Mat, rows: LocalIndices, value: float) -> None:
-    """Set diagonal entries of some owned rows."""
-    diagonal = matrix.getDiagonal()
-    diagonal.array_w[rows] = value
-    matrix.setDiagonal(diagonal)
-    diagonal.destroy()

@@ -104,6 +104,11 @@ class Rows:
         destroy(there, here, places, scatter)
         return found
 
+    def fill(self, rows: LocalIndices, value: float) -> None:
+        """Set diagonal entries of some owned rows of a square matrix; the call is collective."""
+        run("fill", *self._local, len(rows), rows, value, self._local[-1])
+        self.matrix.assemble()
+
     def coupling(self) -> Array:
         """Return for each row the sum of the sizes of its entries in columns of other ranks."""
         sums = np.zeros(self.matrix.getLocalSize()[0])
