@@ -27,6 +27,7 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh
 
 from dolfinx_signorini.accuracy.cells import blocks_of_cells
+from dolfinx_signorini.accuracy.terms import difference
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import largest
 from dolfinx_signorini.meshes.elements import component_arrays
@@ -101,10 +102,8 @@ def lost_order(f: fem.Function, detail: fem.Function, domain: Mesh, parents: Loc
         For each owned cell of `domain` the logarithm to the base 2 of the growth.
     """
     cells, degree = owned_cells(domain), f.function_space.element.basix_element.degree
-    around, before = domain.geometry.dofmap[cells], fem.Function(f.function_space)
-    before.x.array[:] = f.x.array - detail.x.array
-    sizes = []
-    for part in (detail, before):
+    around, sizes = domain.geometry.dofmap[cells], []
+    for part in (detail, difference(f, detail)):
         derivatives = highest_derivatives(part, degree)
         on_cells = collected(derivatives, parents, len(cells), math.inf)
         values = np.broadcast_to(on_cells[:, None], around.shape)
