@@ -37,6 +37,10 @@ def count(comm, sided):
     return comm.allreduce(len(owned_cells(sided.mesh)))
 
 
+def deepest_level(comm, marks):
+    return comm.allreduce(int(marks.levels.max(initial=0)), op=MPI.MAX)
+
+
 def test_all_cells_are_divided_once(comm):
     sided, _ = square(comm)
     divided = mark_worst(sided, np.ones(len(owned_cells(sided.mesh))), 3.0, 2.0).apply(sided)
@@ -179,7 +183,7 @@ def test_a_cell_is_divided_towards_its_singular_point(comm):
     divided = marks.apply(sided)
     there = at_centre(divided.sided)
     size = volumes(divided.sided.mesh)
-    deepest = comm.allreduce(int(marks.levels.max(initial=0)), op=MPI.MAX)
+    deepest = deepest_level(comm, marks)
     assert size[there] == pytest.approx(4.0**-deepest / N**2, rel=1e-9)
     assert count(comm, divided.sided) < 2 * N**2 + 100 * deepest
     assert (divided.away == (divided.owners.of(at) & ~there)).all()
@@ -197,7 +201,7 @@ def test_all_slow_cells_at_a_known_point_are_divided_towards_the_point(comm):
     assert (marks.singular == at).all() and not marking.apart(sided, marks.points).any()
     assert np.abs(marks.points[at] - place).max(initial=0.0) == 0.0
     assert (marks.levels[at] > marking.DEEP).all()
-    assert count(comm, marks.apply(sided).sided) < 2 * N**2 + 300 * marks.levels.max(initial=0)
+    assert count(comm, marks.apply(sided).sided) < 2 * N**2 + 300 * deepest_level(comm, marks)
     smooth = mark(sided, replace(foreseen, singular=once), 1e-5, math.inf)
     assert not smooth.singular.any()
 
@@ -248,7 +252,7 @@ def test_cells_at_the_limit_of_rounding_are_not_divided(comm, monkeypatch):
     for smallest, deepest in ((0.02, 3), (0.2, 0)):  # for cells of the size 1/8 at 1/2
         monkeypatch.setattr(marking, "ROUNDING", smallest)
         marks = mark(sided, prediction(values, rates, at), 0.05, 5.0)
-        assert comm.allreduce(int(marks.levels.max(initial=0)), op=MPI.MAX) == deepest
+        assert deepest_level(comm, marks) == deepest
 
 
 @pytest.mark.parametrize(("smallest", "deepest"), [(0.02, 2), (0.2, 0)])
@@ -257,7 +261,7 @@ def test_no_cell_becomes_smaller_than_it_may(comm, smallest, deepest):
     at = at_centre(sided)
     values, rates = np.where(at, 1.0, 1e-4), np.where(at, 0.5, 3.0)
     marks = mark_for_all(sided, [prediction(values, rates, at)], 0.05, 5.0, smallest)
-    assert comm.allreduce(int(marks.levels.max(initial=0)), op=MPI.MAX) == deepest
+    assert deepest_level(comm, marks) == deepest
 
 
 def test_a_singular_line_is_no_point(comm):
