@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 import numpy.typing as npt
@@ -96,9 +97,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         if RANKS.size == 1 or not _is_pure(item):
             tests.setdefault(item.nodeid.split("[")[0], []).append(item)
-    chosen = list(tests.values())
-    if not config.getoption("--complete"):
-        chosen = _dealt_out(chosen)
+    chosen = tests.values() if config.getoption("--complete") else _dealt_out(tests)
     kept = {item for same in chosen for item in same}
     if config.getoption("--others"):
         kept = set(items) - kept
@@ -106,13 +105,17 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items[:] = [item for item in items if item in kept]
 
 
-def _dealt_out(tests: list[list[pytest.Item]]) -> list[list[pytest.Item]]:
-    """Give each test some of its runs: one on several ranks, every third test on three."""
+def _dealt_out(tests: dict[str, list[pytest.Item]]) -> list[list[pytest.Item]]:
+    """Give each test some of its runs: one on several ranks, a third of the tests on three.
+
+    The name of a test alone decides on how many ranks, whatever other tests are added.
+    """
     if RANKS.size == 1:
-        return [items if len(items) <= SETS else _spread(items) for items in tests]
+        return [items if len(items) <= SETS else _spread(items) for items in tests.values()]
+    on_three = {name for name in tests if crc32(name.encode()) % 3 == 0}
     if RANKS.size == 2:
-        return [items[:1] for k, items in enumerate(tests) if k % 3]
-    return [items[len(items) // 2 :][:1] for items in tests[::3]]
+        return [items[:1] for name, items in tests.items() if name not in on_three]
+    return [items[len(items) // 2 :][:1] for name, items in tests.items() if name in on_three]
 
 
 def _spread(items: list[pytest.Item]) -> list[pytest.Item]:
