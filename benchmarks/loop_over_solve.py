@@ -53,7 +53,7 @@ PHASES: dict[str, tuple[tuple[Any, str], ...]] = {
     "dual": ((SignoriniProblem, "solve_linearised"),),
     "estimate": ((Estimator, "compare"), (Estimator, "add_polygon")),
     "refinement": ((loop, "refined"), (marking.Marks, "apply")),
-    "marking": ((loop, "mark_for_all"), (loop, "mark_worst")),
+    "marking": ((loop, "mark_for_all"),),
 }
 
 

@@ -138,7 +138,8 @@ class Estimator:
         self._add(SAFETY * found.unseen)
         if self._read is not None:
             data = self._read(solved.fine)
-            self._add_along_curves(SAFETY * data_errors(solved, data))
+            parts, factor = SAFETY * data_errors(solved, data), 2.0 ** -self._target.order(1)
+            self._add_along_curves(parts, factor)
         if self._target.on_boundary:
             self._leave_boundary(solved)
 
@@ -227,15 +228,7 @@ class Estimator:
             moved: The curved sides that have been moved.
             solved: The solutions, of which the finer one was solved after that.
         """
-        parts = SAFETY * moved.parts(solved)
-        self._add_along_curves(parts)
-        both = self.prediction.remaining
-        shares = over(parts, both)
-        self.prediction = replace(
-            self.prediction,
-            factors=(1.0 - shares) * self.prediction.factors + shares * moved.factor,
-            singular=self.prediction.singular & (shares < NOTABLE),
-        )
+        self._add_along_curves(SAFETY * moved.parts(solved), moved.factor)
 
     def _add(self, parts: Array) -> None:
         """Add what terms have on each cell to the estimate, and to the prediction."""
@@ -247,9 +240,20 @@ class Estimator:
         """Return the size of two parts of the error; in norms of the boundary they are apart."""
         return float(joined(np.array(one), np.array(other), self._target.exponent))
 
-    def _add_along_curves(self, parts: Array) -> None:
-        """Add what no degree makes smaller."""
+    def _add_along_curves(self, parts: Array, factor: float) -> None:
+        """Add what no degree makes smaller.
+
+        Args:
+            parts: What curves leave in the error on each cell.
+            factor: By how much a division of cells multiplies that.
+        """
         self._add(parts)
+        shares = over(parts, self.prediction.remaining)
+        self.prediction = replace(
+            self.prediction,
+            factors=(1.0 - shares) * self.prediction.factors + shares * factor,
+            singular=self.prediction.singular & (shares < NOTABLE),
+        )
         whole = total(parts, self.rates.power, self._comm)
         self.along_curves = self._both(self.along_curves, whole)
 

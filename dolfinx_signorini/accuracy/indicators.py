@@ -71,8 +71,9 @@ class Indicators:
         worst = found.cells.argmax()
 
     Attributes:
-        difference: The norm of the difference, without the share of `known`; for a functional the
-            sum of the sizes of what cells add to the functional of the difference.
+        difference: The norm of the difference, without the share of dofs where both solutions meet
+            known data, see `terms.met`; for a functional the sum of the sizes of what cells add to
+            the functional of the difference.
         cells: For each owned cell of the coarse mesh what the cell adds to the difference; the
             power with which these numbers add up is that of the target.
         moved: In sup norms the larger one of `cells` and the norm of w - u_h on the cell; otherwise
@@ -82,8 +83,6 @@ class Indicators:
         unseen: What the terms add to the error of w that no comparison shows.
         lost: How much order is lost, see `lost_order`; with the dual solution of a functional the
             mean of both solutions.
-        known: With a dual solution of a norm, what each cell adds at dofs where both solutions meet
-            known data, see `terms.met`; else 0.
         left: In sup norms what the derivatives of w tell of its error on the cell; otherwise 0.
         signed: With a dual solution what each cell adds to J(w - u_h), with its sign; else 0.
         algebra: With a dual solution, what the iterations of the solve leave in the target; else 0.
@@ -95,7 +94,6 @@ class Indicators:
     local: Array
     unseen: Array
     lost: Array
-    known: Array | float = 0.0
     left: Array | float = 0.0
     signed: Array | float = 0.0
     algebra: float = 0.0
@@ -115,10 +113,8 @@ def indicators(solved: Solved) -> Indicators:
         dual = dual_solution(solved, load, None if norm is None else apart)
         terms = TERMS if norm is not None else (*TERMS, met)
         signed, cells = np.sum([term(solved, dual) for term in terms], axis=0)
-        known: Array | float = 0.0
         if norm is not None:
-            known = met(solved, dual)[1]
-            both = total(cells + known, 1.0, fine.comm)
+            both = total(cells + met(solved, dual)[1], 1.0, fine.comm)
             apart *= total(cells, 1.0, fine.comm) / (both or 1.0)
         else:
             # Basis functions cancel inside of cells on all meshes, and cells each other by chance.
@@ -129,7 +125,7 @@ def indicators(solved: Solved) -> Indicators:
         local = np.sqrt(solved.on_cells(product(solved.residual, detail))[1])
         iterated = abs(fine.comm.allreduce(float(algebra(solved, dual)[0].sum())))
         found = Indicators(apart, cells, cells, local, _unseen(solved, dual), lost)
-        return replace(found, known=known, signed=signed, algebra=iterated)
+        return replace(found, signed=signed, algebra=iterated)
     assert norm is not None
     rest = _unseen(solved, None)
     moved = solved.at_facets(solved.norms(solved.error), solved.error)

@@ -2,7 +2,6 @@
 
 Each step solves the problem on a mesh and on the mesh with every cell divided. The second solution
 is the one that is handed out. The cells that leave most of its error are divided for the next step.
-The first estimate is discarded: no convergence rate has been measured yet.
 """
 
 import functools
@@ -12,13 +11,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.accuracy.cells import volumes
 from dolfinx_signorini.accuracy.estimates import Estimator, Reader
-from dolfinx_signorini.accuracy.marking import GROWTH, SAFETY, Divided, mark_for_all, mark_worst
+from dolfinx_signorini.accuracy.marking import GROWTH, SAFETY, Divided, mark_for_all
 from dolfinx_signorini.accuracy.moved_sides import MovedSides
 from dolfinx_signorini.accuracy.quadrature_errors import missed_of_functional
 from dolfinx_signorini.accuracy.steps import Pose, Request, Result, Step
@@ -325,46 +325,56 @@ class Loop:
         return float(share * longest_side(self.sided.mesh))
 
     def _next_mesh(self) -> Divided | None:
-        """Divide the mesh for the next step; None, with the reason, if the loop ends here."""
+        """Divide the mesh for the next step; None, with the reason, if the loop ends here.
+
+        Where the first two meshes see no error at all, all cells are divided.
+        """
         accuracy, estimate = self.request.accuracy, self.steps[-1].estimate
         self.rounds += 1
-        rates, found = self.estimator.rates, self.estimator.found
-        if self.rounds == 1:
-            cells = found.cells + found.known
-            marks = mark_worst(self.sided, cells, rates.order, rates.power)
-            divided = marks.apply(self.sided, self.curves.fit)
-        else:
-            reached = accuracy is not None and estimate <= accuracy
-            corners = rates.singular_corners if reached else rates.standing_corners
-            infinite = self.estimator.infinite_at(corners)
-            if infinite and estimate > DEFAULT_RTOL * self.whole:
-                self.stopped = infinite
-                return None
-            if reached:
-                self.stopped = REACHED
-                return None
-            if self._standing():
-                self.stopped = f"{ROUNDED}: the estimate does not fall any more"
-                return None
-            # A step costs as much as all before: what gains too little is not worth a step.
-            goal = 0.0 if accuracy is None else min(accuracy / estimate, 1.0 / SAFETY)
-            growth = self._affordable()
-            if growth < SAFETY:
-                return None
-            predictions = self.estimator.predictions
-            growth, smallest = min(growth, GROWTH), self._smallest_size()
-            marks = mark_for_all(self.sided, predictions, goal, growth, smallest)
-            if not highest(self.comm, marks.levels) > 0.0:
-                self.stopped = f"{ROUNDED}: the cells with the error cannot be divided any more"
-                return None
-            divided = marks.apply(self.sided, self.curves.fit)
+        blind = self.rounds == 1 and estimate == 0.0
+        if not blind and self._is_done(accuracy is not None and estimate <= accuracy):
+            return None
+        # A step costs as much as all before: what gains too little is not worth a step.
+        goal = min(accuracy / estimate, 1.0 / SAFETY) if accuracy and estimate else 0.0
+        growth = self._affordable()
+        if growth < SAFETY:
+            return None
+        predictions = self.estimator.predictions
+        growth, smallest = min(growth, GROWTH), self._smallest_size()
+        marks = mark_for_all(self.sided, predictions, goal, growth, smallest)
+        if blind:
+            marks = replace(marks, levels=np.ones(len(marks.levels)))
+        elif not highest(self.comm, marks.levels) > 0.0:
+            self.stopped = f"{ROUNDED}: the cells with the error cannot be divided any more"
+            return None
+        divided = marks.apply(self.sided, self.curves.fit)
         self.fit(divided.sided)
         if _unknowns(divided.sided, self.problem.space) > self.request.max_unknowns:
             self.stopped = f"a finer mesh has more than {self.request.max_unknowns} unknowns"
             return None
-        rates.refine(self.sided.mesh, found.local, marks, divided)
+        self.estimator.rates.refine(self.sided.mesh, self.estimator.found.local, marks, divided)
         self.sided, self.division = divided.sided, refined(divided.sided)
         return divided
+
+    def _is_done(self, reached: bool) -> bool:
+        """Whether no step is to follow, and note why.
+
+        Args:
+            reached: Whether the last estimate is at most the accuracy.
+        """
+        rates = self.estimator.rates
+        infinite = self.estimator.infinite_at(
+            rates.singular_corners if reached else rates.standing_corners
+        )
+        if infinite and self.steps[-1].estimate > DEFAULT_RTOL * self.whole:
+            self.stopped = infinite
+        elif reached:
+            self.stopped = REACHED
+        elif self._standing():
+            self.stopped = f"{ROUNDED}: the estimate does not fall any more"
+        else:
+            return False
+        return True
 
     def _standing(self) -> bool:
         """Whether the estimate is as small as rounding, and has not fallen in the last steps.

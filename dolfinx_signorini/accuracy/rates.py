@@ -137,12 +137,11 @@ class Rates:
         """
         least = np.where(self._measured, (1.0 - ROUNDING) * self.order, SINGULAR * self.order)
         of_norm = self.values >= least
-        singular = self.values < SINGULAR * self.order
         at_points = np.minimum(lost, 1.0) * self.dimension * (0.5 - 1.0 / p)
         rates = self._target.order_in_energy(self.values) + 1.0 - at_points
         rho = 2.0 ** -np.where(of_norm, self.values, np.clip(rates, SLOWEST, self.order))
         remaining = norms * rho / (1.0 - rho)
-        return Prediction(remaining, rho, singular, self._confirmed, p, p, self.places)
+        return self._foretold(remaining, rho, p, p)
 
     def prediction(self, cells: Array) -> Prediction:
         """Return what the cells leave in the error of the solution on the divided mesh.
@@ -162,9 +161,12 @@ class Rates:
         # largest errors are at the end itself, where the errors of all levels have the same sign.
         at_ends = of_one_sign if sup else 1.0
         remaining = cells * np.where(self._known, at_ends, left)
+        return self._foretold(remaining, rho, self.power, self.exponent)
+
+    def _foretold(self, remaining: Array, rho: Array, power: float, exponent: float) -> Prediction:
         singular = self.values < SINGULAR * self.order
-        powers = self.power, self.exponent
-        return Prediction(remaining, rho, singular, self._confirmed, *powers, self.places)
+        seen = singular, self._confirmed, self._measured | self._known
+        return Prediction(remaining, rho, *seen, power, exponent, self.places)
 
     def refine(self, domain: mesh.Mesh, before: Array, marks: Marks, divided: Divided) -> None:
         """Carry the rates to a divided mesh; `measure` may follow.

@@ -7,14 +7,21 @@ import basix
 import numpy as np
 import pytest
 import ufl
-from dolfinx import fem
+from dolfinx import fem, mesh
 from known import alone
 from mpi4py import MPI
 
+from dolfinx_signorini import SignoriniProblem, bernstein_space
+from dolfinx_signorini.accuracy.adaptive import coefficients_of, data_in_pieces
 from dolfinx_signorini.accuracy.cut_cells import SPREAD, cut_errors
+from dolfinx_signorini.accuracy.estimates import Estimator
+from dolfinx_signorini.accuracy.marking import SAFETY
 from dolfinx_signorini.accuracy.targets import target
-from dolfinx_signorini.meshes.sided_meshes import owned_cells
+from dolfinx_signorini.accuracy.terms import Solution, Solved
+from dolfinx_signorini.meshes.refinement import refined
+from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
 from dolfinx_signorini.norms.power_sums import total
+from dolfinx_signorini.problem.dirichlet import dirichlet
 from dolfinx_signorini.scenes import pose
 from dolfinx_signorini.scenes.files.reading import parse_scene
 from dolfinx_signorini.scenes.posing import coefficients
@@ -73,3 +80,40 @@ def test_a_jump_through_a_column_of_cells(share, high, degree, comm):
         size = true_size(posed.problem.u - u, wanted)
         assert 0.7 * size <= total(found, power, comm) <= 2.0 * size, asked
     posed.problem.destroy()
+
+
+@pytest.mark.parametrize("asked", ["H1", "Linf"])
+def test_what_a_jump_leaves_falls_as_with_elements_of_degree_1(comm, asked):
+    """And not with the rate of the cell, which two solutions tell where the solution is smooth."""
+
+    def posed(sided):
+        domain, space = sided.mesh, bernstein_space(sided.mesh, 3)
+        u, v, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(domain)
+        diffusion = ufl.conditional(ufl.lt(x[0], 0.43), 1.0, 5.0)
+        ends = mesh.locate_entities_boundary(
+            domain, 1, lambda x: np.isclose(x[0], 0.0) | np.isclose(x[0], 1.0)
+        )
+        bottom = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[1], 0.0))
+        return SignoriniProblem(
+            diffusion * ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
+            fem.Constant(domain, 0.0) * v * ufl.dx,
+            contact=bottom,
+            obstacle=-5.0,
+            bcs=[dirichlet(space, ends, x[0])],
+        )
+
+    sided = SidedMesh(mesh.create_unit_square(comm, 8, 8), {})
+    division, pose_in_pieces = refined(sided), data_in_pieces()(posed)
+    coarse, fine = (pose_in_pieces(part) for part in (sided, division.sided))
+    coarse.solve()
+    fine.solve()
+    solved = Solved(Solution(coarse.u, coarse.forces), fine, division.parents, target(asked))
+    estimator = Estimator(coarse.space, solved.target, coefficients_of)
+    estimator.compare(solved)
+    left = estimator.prediction
+    cut = cut_errors(solved, coefficients_of(fine)) > 0.9 * left.remaining / SAFETY
+    assert comm.allreduce(int(cut.sum())) > 0
+    assert left.factors[cut] == pytest.approx(2.0 ** -solved.target.order(1), rel=0.2)
+    assert not left.singular[cut].any()
+    coarse.destroy()
+    fine.destroy()

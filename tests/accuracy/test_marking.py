@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini.accuracy import marking
 from dolfinx_signorini.accuracy.cells import volumes
-from dolfinx_signorini.accuracy.marking import Marks, Prediction, mark, mark_for_all, mark_worst
+from dolfinx_signorini.accuracy.marking import Marks, Prediction, mark, mark_for_all
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
 
@@ -20,7 +20,9 @@ N = 8
 def prediction(remaining, rates, singular, power=2.0, exponent=None, places=None):
     exponent = power if exponent is None else exponent
     places = np.full((len(rates), 3), np.inf) if places is None else places
-    return Prediction(remaining, 2.0**-rates, singular, singular, power, exponent, places)
+    measured = np.ones(len(rates), dtype=bool)
+    factors = 2.0**-rates
+    return Prediction(remaining, factors, singular, singular, measured, power, exponent, places)
 
 
 def corners(sided):
@@ -43,31 +45,11 @@ def deepest_level(comm, marks):
 
 def test_all_cells_are_divided_once(comm):
     sided, _ = square(comm)
-    divided = mark_worst(sided, np.ones(len(owned_cells(sided.mesh))), 3.0, 2.0).apply(sided)
+    cells = len(owned_cells(sided.mesh))
+    divided = Marks(np.ones(cells), np.full((cells, 3), np.inf)).apply(sided)
     assert count(comm, divided.sided) == 4 * 2 * N**2
     assert divided.levels == pytest.approx(1.0)
     assert not divided.away.any()
-
-
-def test_cells_without_an_error_are_not_divided_and_all_are_where_no_cell_has_one(comm):
-    sided, middle = square(comm)
-    values = np.where(middle[:, 0] < 0.5, 1.0, 0.0)
-    assert (mark_worst(sided, values, 3.0, 2.0).levels == values).all()
-    assert (mark_worst(sided, 0.0 * values, 3.0, 2.0).levels == 1.0).all()
-
-
-def test_cells_are_bisected_where_half_a_division_is_enough(comm):
-    """Of order 2, parts that add up in squares fall by 8 = 2^(2 + 2/2), and by 8^(1/2) bisected."""
-    sided, _middle = square(comm)
-    smallest = marking.NOTABLE / 8.0  # that may be among the largest
-    values = smallest * 8.0 ** np.linspace(-0.2, 1.2, len(owned_cells(sided.mesh)))
-    values[:1] = 1.0
-    levels = mark_worst(sided, values, 2.0, 2.0).levels
-    assert set(levels) <= {0.0, 0.5, 1.0}
-    after = values * 8.0**-levels
-    assert after.max(initial=0.0) <= max(smallest, 1.0 / 8.0) * (1.0 + 1e-12)
-    one_less = values * 8.0 ** -(levels - 0.5)
-    assert (one_less[levels > 0.0] > smallest).all()
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -168,6 +150,19 @@ def test_a_slow_cell_in_a_sup_norm_takes_so_many_others_along_that_the_step_is_w
     assert marking.SAFETY <= cells[0] / cells[1] <= 3.0
 
 
+def test_a_rate_that_was_not_measured_is_believed_for_one_division(comm):
+    sided, middle = square(comm)
+    values, rates = 10.0 ** (-6.0 * middle[:, 0]), np.full(len(middle), 2.0)
+    foreseen = prediction(values, rates, np.zeros(len(middle), dtype=bool))
+    measured = middle[:, 1] < 0.5
+    marks = mark(sided, replace(foreseen, measured=measured), 1e-3, math.inf)
+    deepest = [
+        comm.allreduce(float(marks.levels[part].max(initial=0.0)), op=MPI.MAX)
+        for part in (measured, ~measured)
+    ]
+    assert 1.0 < deepest[0] <= marking.DEEP and deepest[1] == 1.0
+
+
 def at_centre(sided):
     return np.linalg.norm(corners(sided) - (0.5, 0.5, 0.0), axis=2).min(axis=1) < 1e-9
 
@@ -196,7 +191,7 @@ def test_all_slow_cells_at_a_known_point_are_divided_towards_the_point(comm):
     values = np.where(at, 10.0 ** (-3.0 * N * np.abs(middle[:, 0] - 0.5)), 1e-9)
     places = np.where(at[:, None], place, np.full((len(at), 3), np.inf))
     once, rates = np.zeros(len(at), dtype=bool), np.where(at, 0.5, 3.0)
-    foreseen = Prediction(values, 2.0**-rates, at, once, 2.0, 2.0, places)
+    foreseen = Prediction(values, 2.0**-rates, at, once, once, 2.0, 2.0, places)
     marks = mark(sided, foreseen, 1e-5, math.inf)
     assert (marks.singular == at).all() and not marking.apart(sided, marks.points).any()
     assert np.abs(marks.points[at] - place).max(initial=0.0) == 0.0
@@ -214,7 +209,7 @@ def test_cells_are_divided_towards_an_end_of_contact_between_their_vertices(comm
     values, rates = np.where(at, 1.0, 1e-4), np.where(at, 0.5, 3.0)
     ends = np.where(at[:, None], end, np.inf)
     unseen = np.zeros(len(at), dtype=bool)
-    foreseen = Prediction(values, 2.0**-rates, at, unseen, 2.0, 2.0, ends)
+    foreseen = Prediction(values, 2.0**-rates, at, unseen, ~unseen, 2.0, 2.0, ends)
     marks = mark(sided, foreseen, 0.05, 5.0)
     assert (marks.levels[at] == marking.LOCATED).all() and (marks.singular == at).all()
     divided = marks.apply(sided)
