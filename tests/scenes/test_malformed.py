@@ -479,7 +479,8 @@ def test_an_accuracy_beyond_all_numbers_is_not_reached(comm, folder, capsys):
         (folder / "scene.toml").write_text(solve_text)
     comm.barrier()
     assert main(["solve", str(folder / "scene.toml"), "--max-unknowns", "3000"]) == 3
-    assert comm.rank or "a finer mesh has more than 3000 unknowns" in capsys.readouterr().out
+    told = "rounding: the estimate does not fall any more"  # elements of degree 2 have the solution
+    assert comm.rank or told in capsys.readouterr().out
 
 
 def test_a_solution_without_finite_values_is_refused_before_a_search(comm, folder, capsys):

@@ -718,7 +718,7 @@ def test_regions_stay_where_the_diffusion_jumps(folder):
     text = HALVES.format(refinements=0, cells='"left"')
     text = text.replace("load", 'diffusion = "where(y < 0.41 + 0.1*x, 1, 3)"\nload')
     scene = load_scene(write(folder, text), COMM, adapted=True)
-    result = solve_scene(scene, COMM, accuracy=0.03, norm="Linf")
+    result = solve_scene(scene, COMM, accuracy=0.01, norm="Linf")
     sided = result.posed.sided
     assert result.found.steps[-1].unknowns > result.found.steps[0].unknowns
     assert area(sided.mesh, sided.cells(("left",))) == pytest.approx(0.5)
