@@ -281,6 +281,27 @@ def test_a_bump_between_the_nodes_is_found(comm):
     found.problem.destroy()
 
 
+def test_a_load_that_two_meshes_do_not_see_is_looked_for(comm):
+    """The load acts on a small disc between the quadrature points of the first two meshes."""
+
+    def pose(sided):
+        space = fem.functionspace(sided.mesh, ("Lagrange", 1))
+        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        x, y = ufl.SpatialCoordinate(sided.mesh)
+        load = ufl.conditional((x - 0.404) ** 2 + (y - 0.308) ** 2 < 0.004**2, 1e3, 0.0)
+        return SignoriniProblem(
+            (ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx,
+            load * v * ufl.dx(degree=2),
+            contact=sided.sides["bottom"],
+            obstacle=0.0,
+        )
+
+    found = solve_adaptively(pose, square(comm, 3), norm="L2", accuracy=1e-2, read_data=False)
+    assert found.steps[0].estimate == 0.0 and len(found.steps) > 1
+    assert found.problem.unknowns > found.steps[0].unknowns
+    found.problem.destroy()
+
+
 @pytest.fixture
 def two_solutions(comm):
     """The solution on a mesh, the solved problem on its division, and the parents."""
