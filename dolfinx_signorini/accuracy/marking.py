@@ -35,7 +35,7 @@ SAFETY = 1.3
 # The largest ratio of the numbers of cells of successive meshes: all together have 3/2 times the
 # cells of the last one, if they grow so.
 GROWTH = 3.0
-DEEP = 2  # divisions at a rate that was measured, except at singular points that were seen twice
+DEEP = 2  # divisions once rates were measured, except at singular points that were seen twice
 # Divisions towards an end of contact, whose place is known up to 0.3 widths of the cell. With 2 of
 # them requests near 1e-9 take two steps more, and with 4 to 6 up to three times the unknowns.
 LOCATED = 3
@@ -55,7 +55,7 @@ class Prediction:
         factors: By how much a division of a cell multiplies what the cell leaves in the error.
         singular: Whether the cell has a singular point.
         confirmed: Whether the singular point was seen more than once.
-        measured: Whether the rate was measured: what is assumed is believed for one division.
+        deepest: For how many divisions the rates are believed, except at confirmed points.
         power: The exponent with which the parts add up.
         exponent: The exponent with which errors at separate places add up: to this power the parts
             fall, see `Target.exponent`.
@@ -67,7 +67,7 @@ class Prediction:
     factors: Array
     singular: Mask
     confirmed: Mask
-    measured: Mask
+    deepest: int
     power: float
     exponent: float
     places: Array
@@ -250,8 +250,7 @@ class _Choice:
         child = np.where(self.singular, self.factors, shared)
         self._logarithms, self._steps = np.log(self.parts), -np.log(child)
         room = np.floor(np.log2(np.maximum(room, 1.0)))
-        deep = np.where(prediction.measured, DEEP, 1.0)
-        deep = np.where(self.singular & prediction.confirmed, np.inf, deep)
+        deep = np.where(self.singular & prediction.confirmed, np.inf, prediction.deepest)
         self.deepest = np.minimum(np.where(between, LOCATED, deep), room)
         # Bisected cells have other shapes, and the rate of a sup norm is that of the worst one.
         self.finest = np.where(self.singular | sup, 1.0, 1.0 / dimension)

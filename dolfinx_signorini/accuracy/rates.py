@@ -29,7 +29,7 @@ import numpy as np
 from dolfinx import mesh
 
 from dolfinx_signorini.accuracy.cells import summed_at_vertices
-from dolfinx_signorini.accuracy.marking import NOTABLE, Divided, Marks, Prediction
+from dolfinx_signorini.accuracy.marking import DEEP, NOTABLE, Divided, Marks, Prediction
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.base.arrays import Array, Indices, Mask
 from dolfinx_signorini.base.ranks import highest
@@ -80,6 +80,7 @@ class Rates:
         self._known: Mask = np.zeros(count, dtype=bool)
         self._confirmed: Mask = np.zeros(count, dtype=bool)
         self._measured: Mask = np.zeros(count, dtype=bool)
+        self._deepest = 1  # what derivatives alone tell is believed for one division
         # The number of the last divisions that gained nothing.
         self._stood: Indices = np.zeros(count, dtype=np.int64)
 
@@ -165,7 +166,7 @@ class Rates:
 
     def _foretold(self, remaining: Array, rho: Array, power: float, exponent: float) -> Prediction:
         singular = self.values < SINGULAR * self.order
-        seen = singular, self._confirmed, self._measured | self._known
+        seen = singular, self._confirmed, self._deepest
         return Prediction(remaining, rho, *seen, power, exponent, self.places)
 
     def refine(self, domain: mesh.Mesh, before: Array, marks: Marks, divided: Divided) -> None:
@@ -195,6 +196,7 @@ class Rates:
         Args:
             cells: The local indicators of the divided mesh.
         """
+        self._deepest = DEEP
         before, singular, divided = self._before, self._marks.singular, self._divided
         owned, levels = divided.owners.of, divided.levels
         deepest, towards = divided.collected(levels, np.inf), owned(singular)

@@ -20,9 +20,9 @@ N = 8
 def prediction(remaining, rates, singular, power=2.0, exponent=None, places=None):
     exponent = power if exponent is None else exponent
     places = np.full((len(rates), 3), np.inf) if places is None else places
-    measured = np.ones(len(rates), dtype=bool)
     factors = 2.0**-rates
-    return Prediction(remaining, factors, singular, singular, measured, power, exponent, places)
+    deepest = marking.DEEP
+    return Prediction(remaining, factors, singular, singular, deepest, power, exponent, places)
 
 
 def corners(sided):
@@ -150,17 +150,13 @@ def test_a_slow_cell_in_a_sup_norm_takes_so_many_others_along_that_the_step_is_w
     assert marking.SAFETY <= cells[0] / cells[1] <= 3.0
 
 
-def test_a_rate_that_was_not_measured_is_believed_for_one_division(comm):
+@pytest.mark.parametrize("deepest", [1, 2, 3])
+def test_rates_are_believed_for_so_many_divisions(comm, deepest):
     sided, middle = square(comm)
     values, rates = 10.0 ** (-6.0 * middle[:, 0]), np.full(len(middle), 2.0)
     foreseen = prediction(values, rates, np.zeros(len(middle), dtype=bool))
-    measured = middle[:, 1] < 0.5
-    marks = mark(sided, replace(foreseen, measured=measured), 1e-3, math.inf)
-    deepest = [
-        comm.allreduce(float(marks.levels[part].max(initial=0.0)), op=MPI.MAX)
-        for part in (measured, ~measured)
-    ]
-    assert 1.0 < deepest[0] <= marking.DEEP and deepest[1] == 1.0
+    marks = mark(sided, replace(foreseen, deepest=deepest), 1e-4, math.inf)
+    assert deepest_level(comm, marks) == deepest
 
 
 def at_centre(sided):
@@ -191,7 +187,7 @@ def test_all_slow_cells_at_a_known_point_are_divided_towards_the_point(comm):
     values = np.where(at, 10.0 ** (-3.0 * N * np.abs(middle[:, 0] - 0.5)), 1e-9)
     places = np.where(at[:, None], place, np.full((len(at), 3), np.inf))
     once, rates = np.zeros(len(at), dtype=bool), np.where(at, 0.5, 3.0)
-    foreseen = Prediction(values, 2.0**-rates, at, once, once, 2.0, 2.0, places)
+    foreseen = Prediction(values, 2.0**-rates, at, once, 1, 2.0, 2.0, places)
     marks = mark(sided, foreseen, 1e-5, math.inf)
     assert (marks.singular == at).all() and not marking.apart(sided, marks.points).any()
     assert np.abs(marks.points[at] - place).max(initial=0.0) == 0.0
@@ -209,7 +205,7 @@ def test_cells_are_divided_towards_an_end_of_contact_between_their_vertices(comm
     values, rates = np.where(at, 1.0, 1e-4), np.where(at, 0.5, 3.0)
     ends = np.where(at[:, None], end, np.inf)
     unseen = np.zeros(len(at), dtype=bool)
-    foreseen = Prediction(values, 2.0**-rates, at, unseen, ~unseen, 2.0, 2.0, ends)
+    foreseen = Prediction(values, 2.0**-rates, at, unseen, 2, 2.0, 2.0, ends)
     marks = mark(sided, foreseen, 0.05, 5.0)
     assert (marks.levels[at] == marking.LOCATED).all() and (marks.singular == at).all()
     divided = marks.apply(sided)
