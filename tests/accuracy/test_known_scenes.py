@@ -143,7 +143,7 @@ value = "w"
     [
         3e-11,
         pytest.param(
-            1e-11, marks=pytest.mark.xfail(strict=True, reason="rounding, at an estimate of 1.1e-11")
+            1e-11, marks=pytest.mark.xfail(strict=True, reason="rounding, at about 1.1e-11")
         ),
     ],
 )
