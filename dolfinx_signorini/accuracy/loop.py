@@ -338,7 +338,9 @@ class Loop:
         goal = min(accuracy / estimate, 1.0 / SAFETY) if accuracy and estimate else 0.0
         growth = self._affordable()
         if growth < SAFETY:
-            return None
+            if self.rounds > 1:
+                return None
+            growth = SAFETY  # the seconds of the first step have those of the compiler
         predictions = self.estimator.predictions
         growth, smallest = min(growth, GROWTH), self._smallest_size()
         marks = mark_for_all(self.sided, predictions, goal, growth, smallest)

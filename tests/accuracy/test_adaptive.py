@@ -450,6 +450,13 @@ def test_a_functional_that_tells_nothing_is_refused(comm, functional, word):
     assert refusal.value.subject == "norm"
 
 
+def test_the_first_step_does_not_tell_the_seconds_of_the_next_one(comm):
+    """The first step may have compiled forms: a second one follows, even if the time is over."""
+    found = solve_adaptively(poser(), square(comm), norm="H1", budget=1e-6)
+    assert len(found.steps) == 2 and "longer than the time that is left" in found.stopped
+    found.problem.destroy()
+
+
 def test_an_accuracy_or_a_budget_is_needed(comm):
     with pytest.raises(InputError, match="accuracy or a budget"):
         solve_adaptively(poser(), square(comm))
