@@ -27,6 +27,7 @@ from dolfinx_signorini.accuracy.indicators import Indicators, indicators
 from dolfinx_signorini.accuracy.kinks import kink_errors
 from dolfinx_signorini.accuracy.marking import NOTABLE, SAFETY, Prediction
 from dolfinx_signorini.accuracy.moved_sides import MovedSides
+from dolfinx_signorini.accuracy.predicted_error import predicted_error
 from dolfinx_signorini.accuracy.rates import Rates
 from dolfinx_signorini.accuracy.targets import Target, size
 from dolfinx_signorini.accuracy.terms import Solved
@@ -41,8 +42,6 @@ from dolfinx_signorini.norms.orders import KINK_EXPONENT, SMOOTH, is_finite
 from dolfinx_signorini.norms.power_sums import joined, total
 from dolfinx_signorini.norms.sectors import LOGARITHM
 from dolfinx_signorini.problem.bound_constrained import BoundConstrainedProblem
-
-SHARPNESS = 1.5  # of the mean of what cells leave, if a dual solution weighs the cells
 
 # Returns what is known of the coefficients of a problem.
 Reader: TypeAlias = Callable[[BoundConstrainedProblem], Coefficients]
@@ -126,7 +125,7 @@ class Estimator:
         # The dofs around a kink are those of the obstacle: all of the difference is made there.
         self.found = found = replace(found, cells=np.where(kinks, found.moved, found.cells))
         self.prediction, self.along_curves = self.rates.prediction(found.cells), 0.0
-        value = self._left_over(found)
+        value = self._left_over(solved)
         if math.isinf(self.rates.power):
             value = self._with_least(value, ends)
         value += found.algebra + PRECISION * size(solved.fine.u, self._target)
@@ -257,22 +256,22 @@ class Estimator:
         whole = total(parts, self.rates.power, self._comm)
         self.along_curves = self._both(self.along_curves, whole)
 
-    def _left_over(self, found: Indicators) -> float:
+    def _left_over(self, solved: Solved) -> float:
         """What the difference leaves in the error of the solution on the divided mesh.
 
-        A dual solution looks where the difference is largest, and hardly sees what slow cells leave
-        at other places: a mean with the exponent SHARPNESS of the shares of cells sees more of the
-        slow ones. In a sup norm two solutions may be nearer to each other than to interpolants. In
-        a functional cells cancel each other, but for the share by which rates may be off.
+        Where a dual solution weighs the cells of a norm, the error is predicted as a function: the
+        dual solution looks where the difference is largest, and hardly sees what slow cells leave
+        at other places. In a sup norm two solutions may be nearer to each other than to
+        interpolants. In a functional cells cancel each other, but for the share by which rates may
+        be off.
         """
-        averaged = self._target.weighted and self._target.norm is not None
-        sharpness = SHARPNESS if averaged else 1.0
-        cells, power, shares = found.cells, self.rates.power, self._shares()
-        left, whole = (
-            total(values, power, self._comm) for values in (cells * shares**sharpness, cells)
-        )
+        if self._target.weighted and self._target.norm is not None:
+            return size(predicted_error(solved, self.rates.shares), self._target)
+        found, power, shares = self.found, self.rates.power, self._shares()
+        parts = found.cells * shares, found.cells
+        left, whole = (total(each, power, self._comm) for each in parts)
         apart = max(found.difference, whole) if math.isinf(power) else found.difference
-        value = apart * (left / whole) ** (1.0 / sharpness) if whole > 0.0 else apart
+        value = apart * left / whole if whole > 0.0 else apart
         if self._target.norm is not None:
             return value
         signed = abs(self._comm.allreduce(float((found.signed * shares).sum())))

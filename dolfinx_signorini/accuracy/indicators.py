@@ -71,9 +71,8 @@ class Indicators:
         worst = found.cells.argmax()
 
     Attributes:
-        difference: The norm of the difference, without the share of dofs where both solutions meet
-            known data, see `terms.met`; for a functional the sum of the sizes of what cells add to
-            the functional of the difference.
+        difference: The norm of the difference; for a functional the sum of the sizes of what cells
+            add to the functional of the difference.
         cells: For each owned cell of the coarse mesh what the cell adds to the difference; the
             power with which these numbers add up is that of the target.
         moved: In sup norms the larger one of `cells` and the norm of w - u_h on the cell; otherwise
@@ -113,10 +112,7 @@ def indicators(solved: Solved) -> Indicators:
         dual = dual_solution(solved, load, None if norm is None else apart)
         terms = TERMS if norm is not None else (*TERMS, met)
         signed, cells = np.sum([term(solved, dual) for term in terms], axis=0)
-        if norm is not None:
-            both = total(cells + met(solved, dual)[1], 1.0, fine.comm)
-            apart *= total(cells, 1.0, fine.comm) / (both or 1.0)
-        else:
+        if norm is None:
             # Basis functions cancel inside of cells on all meshes, and cells each other by chance.
             apart = max(apart, total(np.abs(signed), 1.0, fine.comm))
             cells *= apart / (total(cells, 1.0, fine.comm) or 1.0)

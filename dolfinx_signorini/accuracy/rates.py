@@ -144,12 +144,9 @@ class Rates:
         remaining = norms * rho / (1.0 - rho)
         return self._foretold(remaining, rho, p, p)
 
-    def prediction(self, cells: Array) -> Prediction:
-        """Return what the cells leave in the error of the solution on the divided mesh.
-
-        Args:
-            cells: The indicators.
-        """
+    @property
+    def shares(self) -> Array:
+        """What each cell leaves in the error of the solution on the divided mesh, over its part."""
         rho, sup = 2.0**-self.values, np.isinf(self.power)
         of_one_sign = rho / (1.0 - rho)
         if self.power == 1.0 or (sup and self._in_slopes):
@@ -161,8 +158,16 @@ class Rates:
         # Where contact ends, the solution on the divided mesh may be no better by chance. The
         # largest errors are at the end itself, where the errors of all levels have the same sign.
         at_ends = of_one_sign if sup else 1.0
-        remaining = cells * np.where(self._known, at_ends, left)
-        return self._foretold(remaining, rho, self.power, self.exponent)
+        return np.where(self._known, at_ends, left)
+
+    def prediction(self, cells: Array) -> Prediction:
+        """Return what the cells leave in the error of the solution on the divided mesh.
+
+        Args:
+            cells: The indicators.
+        """
+        left = cells * self.shares
+        return self._foretold(left, 2.0**-self.values, self.power, self.exponent)
 
     def _foretold(self, remaining: Array, rho: Array, power: float, exponent: float) -> Prediction:
         singular = self.values < SINGULAR * self.order

@@ -212,6 +212,23 @@ class Solved:
         return met
 
     @functools.cached_property
+    def hardly_pressed(self) -> LocalIndices:
+        """The nodes in contact in w whose force is below the gap of u_h, scaled to a force.
+
+        Between u_h and w such a node is nearer to being free than to being held: where contact
+        hardly presses, a trifle in the load moves the solution on the whole contact boundary. Where
+        contact alone holds the solution, the forces balance the load, and no node is left free.
+        """
+        system = self.fine.system
+        if system.singular:
+            return system.layout.contact_nodes[:0]
+        w, before = system.vector_of(self.fine.u), system.vector_of(self.prolonged)
+        gaps = system.scaled_gap(before.array_r[system.contact_dofs])
+        loose = self.fine.touching & (gaps > system.multiplier(w))
+        destroy(w, before)
+        return system.layout.contact_nodes[loose]
+
+    @functools.cached_property
     def count(self) -> int:
         """The number of owned cells of the undivided mesh."""
         return len(owned_cells(self.coarse.u.function_space.mesh))
@@ -301,29 +318,12 @@ def dual_solution(solved: Solved, J: fem.Function, value: float | None = None) -
     if value is not None and found != 0.0:
         J.x.array[:] *= value / found
         found = value
-    z, _ = solved.fine.solve_linearised(J, released=_hardly_pressed(solved))
+    z, _ = solved.fine.solve_linearised(J, released=solved.hardly_pressed)
     restricted = solved.transfer.restrict(z)
     action = solved.acting(z)
     forces = difference(action, J)
     detail = difference(z, solved.transfer.prolong(restricted))
     return Dual(z, detail, restricted, action, forces, found)
-
-
-def _hardly_pressed(solved: Solved) -> LocalIndices:
-    """Return the nodes in contact in w whose force is below the gap of u_h, scaled to a force.
-
-    Between u_h and w such a node is nearer to being free than to being held: where contact hardly
-    presses, a trifle in the load moves the solution on the whole contact boundary. Where contact
-    alone holds the solution, the forces balance the load, and no node is left free.
-    """
-    system = solved.fine.system
-    if system.singular:
-        return system.layout.contact_nodes[:0]
-    w, before = system.vector_of(solved.fine.u), system.vector_of(solved.prolonged)
-    gaps = system.scaled_gap(before.array_r[system.contact_dofs])
-    loose = solved.fine.touching & (gaps > system.multiplier(w))
-    destroy(w, before)
-    return system.layout.contact_nodes[loose]
 
 
 def residuals(solved: Solved, dual: Dual) -> Array:

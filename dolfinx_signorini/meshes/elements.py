@@ -23,6 +23,7 @@ from dolfinx import fem, mesh
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.kinds import check, integer, sequence, simplices
+from dolfinx_signorini.base.ranks import summed
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 
 HIGHEST_DEGREE = 4  # that problems are tested with
@@ -212,6 +213,24 @@ def coefficients_of(
             no such cell are not changed.
     """
     return _changed(space, values, cells, 1)
+
+
+def tested_at_places(space: fem.FunctionSpace, tested: Array) -> Array:
+    """Return a functional of the functions with the value 1 at one place of a dof, and 0 at others.
+
+    The transpose of `coefficients_of`; the call is collective.
+
+    Args:
+        space: The space.
+        tested: The functional of the basis functions, at all dofs of this rank.
+    """
+    if not is_bernstein(space):
+        return tested
+    element, index_map = space.element.basix_element, space.dofmap.index_map
+    dofs = space.dofmap.list[: space.mesh.topology.index_map(space.mesh.topology.dim).size_local]
+    # Each cell around a place tells its coefficient.
+    shares = (tested / np.maximum(summed(index_map, dofs), 1.0))[dofs]
+    return summed(index_map, dofs, shares @ _bases(element.cell_type, element.degree)[1])
 
 
 def component_arrays(f: fem.Function) -> list[Array]:

@@ -14,12 +14,14 @@ from dolfinx import fem, mesh
 from dolfinx_signorini.base import compat
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.kinds import check, simplices
+from dolfinx_signorini.base.ranks import summed
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import (
     coefficients_of,
     component_arrays,
     control_points,
     points_on_cells,
+    tested_at_places,
 )
 from dolfinx_signorini.meshes.parents import Parent, remember_parent
 from dolfinx_signorini.meshes.points import Points, points_at
@@ -177,7 +179,7 @@ class Interpolation:
         target: fem.FunctionSpace,
         dofs: LocalIndices,
     ):
-        self._target, self._dofs = target, dofs
+        self._source, self._target, self._dofs = source, target, dofs
         self._sources, self._shares = points.shares(source)
 
     def __call__(self, u: fem.Function) -> fem.Function:
@@ -188,6 +190,20 @@ class Interpolation:
         result.x.scatter_forward()
         for part in component_arrays(result):
             part[:] = coefficients_of(self._target, part)
+        return result
+
+    def transposed(self, tested: fem.Function) -> fem.Function:
+        """Return a functional of the interpolations of the basis functions of the source.
+
+        Args:
+            tested: The functional of the basis functions of the target, as coefficients; the call
+                is collective.
+        """
+        result, dofs = fem.Function(self._source), self._source.dofmap.index_map
+        owned = self._dofs < self._target.dofmap.index_map.size_local
+        for part, values in zip(component_arrays(result), component_arrays(tested), strict=True):
+            at_places = owned * tested_at_places(self._target, values)[self._dofs]
+            part[:] = summed(dofs, self._sources, self._shares * at_places[:, None])
         return result
 
 

@@ -44,6 +44,7 @@ from dolfinx_signorini.problem.values import Data
 from dolfinx_signorini.solvers.cascade import check_method, checked_tolerance
 from dolfinx_signorini.solvers.contact import ActiveSetSolver, solve_by_tao
 from dolfinx_signorini.solvers.history import History
+from dolfinx_signorini.solvers.linear.solver import set_residual
 from dolfinx_signorini.solvers.pressure import ContactState, contact_state
 from dolfinx_signorini.solvers.result import SolveResult
 from dolfinx_signorini.solvers.system import Layout, System
@@ -406,7 +407,7 @@ class BoundConstrainedProblem(OnContact):
             load: A linear form on the space of the problem, or a function whose coefficients are
                 the values of the form for the basis functions; the work of the latter on motions
                 that nothing stops is left out.
-            rtol: The residual to reach, relative to the load.
+            rtol: The residual to reach, relative to the load at the dofs where z is free.
             released: Owned dofs in contact, of vectors nodes, at which z is free; none by default.
 
         Returns:
@@ -437,18 +438,19 @@ class BoundConstrainedProblem(OnContact):
         b.array_w[system.fixed_dofs] = 0.0
         zero = np.zeros_like(system.obstacle), np.zeros_like(system.fixed_values)
         linear = replace(system, b=b, obstacle=zero[0], fixed_values=zero[1])
-        x = system.A.createVecRight()
+        x, rest = system.A.createVecRight(), system.A.createVecRight()
         x.set(0.0)
         try:
             if of_form:
                 check_free(linear)
             b.array_w[:] -= system.shares @ self.comm.allreduce(b.array_r @ system.free)
-            self._solver.linear.solve(linear, x, held, rtol * b.norm())
+            unit = set_residual(linear, x, held, b, rest)
+            self._solver.linear.solve(linear, x, held, rtol * unit * rest.norm())
             z = fem.Function(self.space)
             system.fill(z, x)
             return z, self._forces_of(np.where(held, linear.multiplier(x), 0.0))
         finally:
-            destroy(x, b)
+            destroy(x, rest, b)
 
     def _forces_of(self, values: Array) -> fem.Function:
         """Return the forces on u that go with a force of each constraint towards its side."""

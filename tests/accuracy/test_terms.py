@@ -12,13 +12,16 @@ from dolfinx_signorini.accuracy.boundary_defects import data_between_nodes
 from dolfinx_signorini.accuracy.estimates import Estimator
 from dolfinx_signorini.accuracy.indicators import indicators
 from dolfinx_signorini.accuracy.marking import SAFETY
+from dolfinx_signorini.accuracy.predicted_error import predicted_error
 from dolfinx_signorini.accuracy.targets import size, target
 from dolfinx_signorini.accuracy.terms import (
+    TERMS,
     Solution,
     Solved,
     algebra,
     assembled,
     caught,
+    difference,
     dual_solution,
     held,
     met,
@@ -26,6 +29,7 @@ from dolfinx_signorini.accuracy.terms import (
     released,
     residuals,
 )
+from dolfinx_signorini.base import compiled
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets, owned_cells
 from dolfinx_signorini.norms.power_sums import total
@@ -83,15 +87,15 @@ def sums(solved, terms, functional=mean):
     return dual, [solved.fine.comm.allreduce(float(signed.sum())) for signed, _ in found]
 
 
+PROBLEMS = [
+    {"load": 1.0},
+    {"data": lambda x: ufl.sin(3.0 * x[0]) * x[1]},
+    {"load": -1.0, "obstacle": lambda x: -0.1 + 0.05 * x[0]},
+]
+
+
 @pytest.mark.parametrize("degree", [1, 2, 3])
-@pytest.mark.parametrize(
-    "given",
-    [
-        {"load": 1.0},
-        {"data": lambda x: ufl.sin(3.0 * x[0]) * x[1]},
-        {"load": -1.0, "obstacle": lambda x: -0.1 + 0.05 * x[0]},
-    ],
-)
+@pytest.mark.parametrize("given", PROBLEMS)
 def test_the_terms_add_up_to_the_difference(compared, degree, given):
     solved = compared(degree, **given)
     dual, parts = sums(solved, IDENTITY)
@@ -100,6 +104,38 @@ def test_the_terms_add_up_to_the_difference(compared, degree, given):
     )
     size = sum(map(abs, parts))
     assert size > 0.0 and abs(sum(parts) - dual.value) <= 1e-7 * size
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("given", PROBLEMS)
+def test_without_divisions_the_predicted_error_is_the_difference(compared, degree, given):
+    """But for what follows from data that both solutions meet."""
+    solved = compared(degree, **given)
+    of_data = solved.error.copy()
+    of_data.x.array[~solved.met] = 0.0
+    load = solved.acting(of_data)
+    load.x.array[:] *= -1.0
+    moved, _ = solved.fine.solve_linearised(load)
+    of_data.x.array[:] += moved.x.array
+    found = predicted_error(solved, np.ones(solved.count))
+    beside = difference(difference(solved.error, of_data), found)
+    assert size(beside, target("H1")) <= 0.02 * size(solved.error, target("H1"))
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("given", PROBLEMS)
+def test_functionals_of_the_predicted_error_are_sums_of_what_cells_leave(compared, degree, given):
+    """Each cell leaves another share of its part of the identity of the error."""
+    solved = compared(degree, **given)
+    space = solved.fine.space
+    x = mesh.compute_midpoints(space.mesh, 2, owned_cells(space.mesh))
+    shares = np.zeros(solved.count)
+    np.maximum.at(shares, solved.parents, np.floor(4.0 * x[:, 0]) % 2)
+    dual = dual_solution(solved, assembled(mean(ufl.TestFunction(space)), solved.fine.space))
+    parts = np.sum([term(solved, dual) for term in TERMS], axis=0)
+    left, sizes = solved.fine.comm.allreduce((parts * shares).sum(axis=1))
+    found = compiled.integral(mean(predicted_error(solved, shares)))
+    assert sizes > 0.0 and found == pytest.approx(left, abs=2e-3 * sizes)
 
 
 def test_residuals_alone(compared):

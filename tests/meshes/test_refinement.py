@@ -14,6 +14,7 @@ from dolfinx_signorini.accuracy.adaptive import solve_adaptively
 from dolfinx_signorini.accuracy.cells import volumes
 from dolfinx_signorini.base.errors import InputError
 from dolfinx_signorini.meshes.box_meshes import friedrichs_keller
+from dolfinx_signorini.meshes.elements import bernstein_space, component_arrays, control_points
 from dolfinx_signorini.meshes.refinement import Refinement, Transfer, refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, owned_cells
 
@@ -113,9 +114,10 @@ def test_bisected_triangles_keep_their_angles(comm):
 
 def random_function(space):
     """A function of a space that all ranks agree on, and that is no polynomial across cells."""
-    x = space.tabulate_dof_coordinates().T
+    x = control_points(space).T
     f = fem.Function(space)
-    f.x.array[:] = np.cos(1e4 * (x[0] + 2.0 * x[1] + 3.0 * x[2]))
+    for k, part in enumerate(component_arrays(f)):
+        part[:] = np.cos(1e4 * (x[0] + 2.0 * x[1] + 3.0 * x[2] + k))
     f.x.scatter_forward()
     return f
 
@@ -130,7 +132,8 @@ def polynomial(space):
 
 
 def owned(f):
-    return f.x.array[: f.function_space.dofmap.index_map.size_local]
+    dofs = f.function_space.dofmap
+    return f.x.array[: dofs.index_map.size_local * dofs.bs]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -225,6 +228,25 @@ def test_restricted_functions_interpolate(comm, kind, degree):
     assert near.max(initial=0.0) < 1e-12
     down = Transfer(coarse, fine, refinement.parents).restrict(u)
     assert owned(down) == pytest.approx(u.x.array[place], abs=1e-9)
+
+
+@pytest.mark.parametrize(("kind", "degree"), CASES)
+@pytest.mark.parametrize("shape", [(), (2,)])
+def test_functionals_of_interpolations(comm, kind, degree, shape):
+    """F(I v) is what the transpose of I makes of F, applied to v."""
+    sided = sided_mesh(comm, kind)
+    coarse = bernstein_space(sided.mesh, degree, shape)
+    for refinement in refinements(sided):
+        fine = bernstein_space(refinement.sided.mesh, degree, shape)
+        transfer = Transfer(coarse, fine, refinement.parents)
+        for interpolate in (transfer.prolong, transfer.restrict):
+            source, target = (coarse, fine)[:: 1 if interpolate is transfer.prolong else -1]
+            v, tested = random_function(source), random_function(target)
+            applied = [
+                comm.allreduce(float(owned(one) @ owned(other)))
+                for one, other in ((tested, interpolate(v)), (interpolate.transposed(tested), v))
+            ]
+            assert applied[1] == pytest.approx(applied[0], rel=1e-10, abs=1e-10)
 
 
 def test_a_mesh_of_which_a_rank_has_no_cell_is_refined(comm):
