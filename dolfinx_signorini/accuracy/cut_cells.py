@@ -58,7 +58,7 @@ def cut_errors(solved: Solved, data: Coefficients) -> Array:
     if not comm.allreduce(len(cuts.cells)):
         return nothing
     slopes, norm = cuts.errors(), target.norm
-    if norm is None or norm.boundary or norm.derivatives == 0:
+    if norm is None or norm.derivatives < 1:
         strains = cuts.integrals(slopes[..., None] * cuts.normals) / cuts.volumes[:, None]
         steps = np.linalg.norm(strains, axis=1) * cuts.widths()
         if target.weighted:

@@ -1,15 +1,16 @@
-"""Errors in sup norms, and orders that are lost, as the highest derivatives of a solution tell.
+"""Errors of single cells, and orders that are lost, as the highest derivatives of a solution tell.
 
 Let w be the solution of degree k on the mesh with every cell divided, and I w its interpolation on
 the undivided mesh. On each part of a cell the derivatives of order k of w are constant. These
 derivatives differ from those of I w by about h/2 times D^{k+1} u, where h is an edge of the part.
 On an interval of length h interpolation with degree k leaves
 
-    c h^{k+1} |D^{k+1} u|,     c = max |x (x - 1/k) ... (x - 1)| / (k+1)!  for x between 0 and 1,
+    c h^{k+1} |D^{k+1} u|,     c = || x (x - 1/k) ... (x - 1) || / (k+1)!  for x between 0 and 1,
 
-of the values of u, and c' h^k |D^{k+1} u| of the first derivatives, with c' = 1 / ((k+1) k^k). If u
-bends more in one part of a cell than in the others, the derivatives of this part tell so, and the
-size of w - I w on the whole cell does not.
+of the values of u, where the norm is L^p on (0, 1) and means an average in L^p of the interval, and
+c' h^k |D^{k+1} u| of the first derivatives at most, with c' = 1 / ((k+1) k^k). If u bends more in
+one part of a cell than in the others, the derivatives of this part tell so, and the size of w - I w
+on the whole cell does not.
 
 Around a singular point, where u is like r^a, the derivatives of order k grow by the factor
 2^(k - a) in a division, and the error in energy falls by 2^-a and not by 2^-k: k - a is the order
@@ -26,7 +27,7 @@ import numpy as np
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
-from dolfinx_signorini.accuracy.cells import blocks_of_cells
+from dolfinx_signorini.accuracy.cells import blocks_of_cells, volumes
 from dolfinx_signorini.accuracy.terms import difference
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.ranks import largest
@@ -34,26 +35,28 @@ from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.jacobians import inverses
 from dolfinx_signorini.meshes.sided_meshes import cell_edges, owned_cells
 from dolfinx_signorini.norms.pointwise import length
-from dolfinx_signorini.norms.power_sums import collected
+from dolfinx_signorini.norms.power_sums import collected, p_norm
 
 EXCESS = 2.5  # for half an edge 2, and what elements leave beyond interpolation
+SAMPLES = 1001  # of a polynomial, for its norm on the interval
 
 
-def left_by_derivatives(detail: fem.Function, derivatives: float) -> Array:
-    """Estimate the largest error of a solution on each owned cell, or that of its derivatives.
+def left_by_derivatives(detail: fem.Function, derivatives: float, p: float) -> Array:
+    """Estimate the L^p norm of the error of a solution on each owned cell, or of its derivatives.
 
     Args:
         detail: The difference w - I w, a function of a Lagrange space on straight-sided cells.
-        derivatives: 0 for values, 1 for first derivatives.
+        derivatives: 0 for values, 1 for first derivatives, of which the sup norm is estimated.
+        p: The exponent.
     """
-    degree = detail.function_space.element.basix_element.degree
+    degree, domain = detail.function_space.element.basix_element.degree, detail.function_space.mesh
     if derivatives:
         share = 1.0 / ((degree + 1) * degree**degree)
     else:
-        nodes = np.poly(np.arange(degree + 1) / degree)
-        extrema = np.roots(np.polyder(nodes)).real
-        share = np.abs(np.polyval(nodes, extrema)).max() / math.factorial(degree + 1)
-    return EXCESS * share * highest_derivatives(detail, derivatives)
+        values = np.polyval(np.poly(np.arange(degree + 1) / degree), np.linspace(0.0, 1.0, SAMPLES))
+        share = float(p_norm(values, p, 1.0 / SAMPLES)) / math.factorial(degree + 1)
+    sizes = volumes(domain) / math.factorial(domain.topology.dim)
+    return EXCESS * share * highest_derivatives(detail, derivatives) * sizes ** (1.0 / p)
 
 
 def highest_derivatives(f: fem.Function, derivatives: float) -> Array:

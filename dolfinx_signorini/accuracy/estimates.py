@@ -14,7 +14,7 @@ import numpy as np
 from dolfinx import fem
 from mpi4py import MPI
 
-from dolfinx_signorini.accuracy.cells import over, shared_out
+from dolfinx_signorini.accuracy.cells import over
 from dolfinx_signorini.accuracy.contact_ends import (
     cells_at_contact_ends,
     cells_at_kinks,
@@ -37,7 +37,6 @@ from dolfinx_signorini.base.tolerances import PRECISION
 from dolfinx_signorini.data.coefficients import Coefficients
 from dolfinx_signorini.data.powers import SingularPoint
 from dolfinx_signorini.meshes.sided_meshes import cell_corners, owned_cells
-from dolfinx_signorini.norms.error_norms import error_norms
 from dolfinx_signorini.norms.orders import KINK_EXPONENT, SMOOTH, is_finite
 from dolfinx_signorini.norms.power_sums import joined, total
 from dolfinx_signorini.norms.sectors import LOGARITHM
@@ -133,14 +132,17 @@ class Estimator:
         scale = SAFETY * (value / whole if whole > 0.0 else 1.0)
         self.prediction = replace(self.prediction, remaining=self.prediction.remaining * scale)
         self.estimate = SAFETY * value
-        self._raise_to_local(solved)
+        norm, self.local = self._target.norm, None
+        if norm is not None and self._target.weighted and self._target.has_own:
+            # One cell may be the worst by far, and the predicted error has the rate of neighbours.
+            norms = solved.norms(solved.detail)
+            self.local = self.rates.local_prediction(norms, found.left, norm.p, found.lost)
+            self.estimate = max(self.estimate, highest(self._comm, self.local.remaining))
         self._add(SAFETY * found.unseen)
         if self._read is not None:
             data = self._read(solved.fine)
-            parts, factor = SAFETY * data_errors(solved, data), 2.0 ** -self._target.order(1)
-            self._add_along_curves(parts, factor)
-        if self._target.on_boundary:
-            self._leave_boundary(solved)
+            parts = SAFETY * solved.reach * data_errors(solved, data)
+            self._add_along_curves(parts, 2.0 ** -self._target.order(1))
 
     def _look_at_corners(self, solved: Solved) -> None:
         """Find the rates of divisions towards corners; the dual solution has the same exponents."""
@@ -205,20 +207,6 @@ class Estimator:
             f"{target.name} of the solution is infinite if u ~ {power} at a corner, "
             "as the angles and the conditions have it"
         )
-
-    def _leave_boundary(self, solved: Solved) -> None:
-        """Leave of a sup norm what is on the boundary.
-
-        What cells inside of the domain leave reaches the boundary as far as the difference of the
-        two solutions does. Of cells at the boundary only what is there was taken, and counts.
-        """
-        name = self._target.name
-        there = error_norms(solved.error, None, [name])[name]
-        share = min(there / (self.found.difference or 1.0), 1.0)
-        remaining = self.prediction.remaining * np.where(solved.at_boundary, 1.0, share)
-        self.prediction = replace(self.prediction, remaining=remaining)
-        self.along_curves *= share
-        self.estimate = max(total(remaining, math.inf, self._comm), share * self.estimate)
 
     def add_polygon(self, moved: MovedSides, solved: Solved) -> None:
         """Add what facets in place of curves leave in the error; the call is collective.
@@ -296,18 +284,6 @@ class Estimator:
         own = np.maximum(least, np.where(found.cells >= NOTABLE * found.moved, apart, 0.0))
         self.prediction = replace(prediction, remaining=np.maximum(prediction.remaining, own))
         return max(value, total(np.maximum(least, apart), self.rates.power, self._comm))
-
-    def _raise_to_local(self, solved: Solved) -> None:
-        """Raise an estimate in L^p, and the prediction, to what cells leave there by themselves."""
-        norm, left = self._target.norm, self.prediction.remaining
-        self.local = None
-        if norm is None or norm.boundary or not self._target.weighted:
-            return
-        norms = SAFETY * solved.norms(solved.detail)
-        self.local = self.rates.local_prediction(norms, norm.p, self.found.lost)
-        parts = shared_out(self.local.remaining, norm.p, self._comm)
-        self.prediction = replace(self.prediction, remaining=np.maximum(left, parts))
-        self.estimate = max(self.estimate, total(self.local.remaining, norm.p, self._comm))
 
 
 def data_errors(solved: Solved, data: Coefficients) -> Array:

@@ -26,7 +26,7 @@ from dolfinx_signorini.accuracy.cells import over, powers_tested
 from dolfinx_signorini.accuracy.contact_ends import unknown_ends
 from dolfinx_signorini.accuracy.derivatives import left_by_derivatives, lost_order
 from dolfinx_signorini.accuracy.negative_pressure import negative_pressure
-from dolfinx_signorini.accuracy.targets import Target
+from dolfinx_signorini.accuracy.targets import Target, size
 from dolfinx_signorini.accuracy.terms import (
     TERMS,
     Dual,
@@ -82,7 +82,8 @@ class Indicators:
         unseen: What the terms add to the error of w that no comparison shows.
         lost: How much order is lost, see `lost_order`; with the dual solution of a functional the
             mean of both solutions.
-        left: In sup norms what the derivatives of w tell of its error on the cell; otherwise 0.
+        left: What the derivatives of w tell of its error on the cell, see `Target.has_own`; 0 for
+            other targets.
         signed: With a dual solution what each cell adds to J(w - u_h), with its sign; else 0.
         algebra: With a dual solution, what the iterations of the solve leave in the target; else 0.
     """
@@ -93,7 +94,7 @@ class Indicators:
     local: Array
     unseen: Array
     lost: Array
-    left: Array | float = 0.0
+    left: Array
     signed: Array | float = 0.0
     algebra: float = 0.0
 
@@ -106,6 +107,11 @@ def indicators(solved: Solved) -> Indicators:
     """
     fine, target, detail = solved.fine, solved.target, solved.detail
     norm, lost = target.norm, _lost(solved, fine.u, detail)
+    left: Array = np.zeros(solved.count)
+    if target.has_own:
+        assert norm is not None
+        parts = left_by_derivatives(detail, norm.derivatives, norm.p)
+        left = solved.unit * solved.collected(parts)
     if target.weighted:
         apart = solved.distance
         load = _derivative(solved.error, target)
@@ -120,19 +126,21 @@ def indicators(solved: Solved) -> Indicators:
                 lost = 0.5 * (lost + _lost(solved, dual.z, dual.detail))
         local = np.sqrt(solved.on_cells(product(solved.residual, detail))[1])
         iterated = abs(fine.comm.allreduce(float(algebra(solved, dual)[0].sum())))
-        found = Indicators(apart, cells, cells, local, _unseen(solved, dual), lost)
+        found = Indicators(apart, cells, cells, local, _unseen(solved, dual), lost, left)
         return replace(found, signed=signed, algebra=iterated)
     assert norm is not None
     rest = _unseen(solved, None)
-    moved = solved.at_facets(solved.norms(solved.error), solved.error)
-    apart = total(moved, norm.p, fine.comm)
     if not math.isinf(norm.p):
-        return Indicators(apart, moved, moved, moved, rest, lost)
-    inside = solved.norms(detail)
-    cells = solved.at_facets(inside, detail)
-    left = solved.unit * left_by_derivatives(detail, norm.derivatives)
-    left = solved.collected(left) * over(cells, inside)
-    return Indicators(apart, cells, np.maximum(cells, moved), cells, rest, lost, left=left)
+        moved = solved.norms(solved.error)
+        return Indicators(solved.distance, moved, moved, moved, rest, lost, left)
+    # Data are known in values, and what data leave is added.
+    kept = solved.error, detail
+    if not norm.derivatives:
+        kept = solved.beside_data(solved.error), solved.beside_data(detail)
+    moved, cells = map(solved.felt, kept)
+    apart = size(kept[0], target)
+    left *= over(cells, solved.collected(target.in_domain.on_cells(detail)))
+    return Indicators(apart, cells, np.maximum(cells, moved), cells, rest, lost, left)
 
 
 def _unseen(solved: Solved, dual: Dual | None) -> Array:
@@ -140,7 +148,7 @@ def _unseen(solved: Solved, dual: Dual | None) -> Array:
     parts: Array = np.zeros(solved.count)
     for term in UNSEEN:
         parts = joined(parts, term(solved, dual)[1], solved.target.power)
-    return parts
+    return np.asarray(solved.reach * parts)
 
 
 def _lost(solved: Solved, f: fem.Function, detail: fem.Function) -> Array:

@@ -41,15 +41,15 @@ NEARER = 0.85  # of what interpolation leaves, at most: measured 0.25 to 0.85
 def kink_errors(solved: Solved, data: Coefficients) -> Array:
     """Return what jumps and kinks of load and reaction inside cells leave in a norm of the error.
 
-    The parts of owned cells are zero for functionals and norms of the boundary, and add up with the
-    power of the target.
+    The parts of owned cells are zero where a dual solution looks at the boundary, or is that of a
+    functional, and add up with the power of the target.
 
     Args:
         solved: The two solutions; the call is collective.
         data: The coefficients of the finer problem.
     """
     problem, norm = solved.fine, solved.target.norm
-    if norm is None or norm.boundary:
+    if norm is None or (norm.boundary and solved.target.weighted):
         return np.zeros(solved.count)
     domain, errors = problem.space.mesh, np.zeros(len(solved.parents))
     formulas = [formula for formula in (data.load, data.reaction) if formula is not None]

@@ -81,7 +81,7 @@ class MovedSides:
         rest = self.factor / (1.0 - self.factor)
         detail = difference(u, self._before)
         if not target.weighted and target.norm is not None:
-            return solved.in_norm(rest * target.on_cells(detail))[1]
+            return rest * solved.norms(detail)
         if target.norm is None:
             whole = rest * abs(self._functional(u) - self._value)
         else:

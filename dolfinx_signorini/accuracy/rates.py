@@ -114,16 +114,20 @@ class Rates:
         self.values = np.where(self._measured, self.values, unknown)
 
     @property
+    def _singular(self) -> Mask:
+        return self.values < SINGULAR * self.order
+
+    @property
     def singular_corners(self) -> Mask:
         """Whether each cell is at a corner, and has not been seen to be smooth there."""
-        return (self.values < SINGULAR * self.order) & (self.corners < self.order)
+        return self._singular & (self.corners < self.order)
 
     @property
     def standing_corners(self) -> Mask:
         """Whether each cell is at a corner at which divisions were seen twice to gain nothing."""
         return (self._stood > 1) & self.at_corners
 
-    def local_prediction(self, norms: Array, p: float, lost: Array) -> Prediction:
+    def local_prediction(self, norms: Array, left: Array, p: float, lost: Array) -> Prediction:
         """Return what cells leave in an L^p norm by themselves.
 
         Where the energy norm of an error falls with the rate s, an L^p norm falls with s + 1. At a
@@ -132,7 +136,8 @@ class Rates:
         a singular point, is assumed of the norm itself, as in `prediction`.
 
         Args:
-            norms: The L^p norms of w - I w on the cells.
+            norms: The L^p norms of w - I w on the cells, which tell what singular points leave.
+            left: What the derivatives of w tell of its errors on the other cells.
             p: The exponent.
             lost: See `assume`.
         """
@@ -141,7 +146,7 @@ class Rates:
         at_points = np.minimum(lost, 1.0) * self.dimension * (0.5 - 1.0 / p)
         rates = self._target.order_in_energy(self.values) + 1.0 - at_points
         rho = 2.0 ** -np.where(of_norm, self.values, np.clip(rates, SLOWEST, self.order))
-        remaining = norms * rho / (1.0 - rho)
+        remaining = np.where(self._singular, norms * rho / (1.0 - rho), left)
         return self._foretold(remaining, rho, p, p)
 
     @property
@@ -170,8 +175,7 @@ class Rates:
         return self._foretold(left, 2.0**-self.values, self.power, self.exponent)
 
     def _foretold(self, remaining: Array, rho: Array, power: float, exponent: float) -> Prediction:
-        singular = self.values < SINGULAR * self.order
-        seen = singular, self._confirmed, self._deepest
+        seen = self._singular, self._confirmed, self._deepest
         return Prediction(remaining, rho, *seen, power, exponent, self.places)
 
     def refine(self, domain: mesh.Mesh, before: Array, marks: Marks, divided: Divided) -> None:

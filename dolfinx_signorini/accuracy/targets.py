@@ -11,7 +11,7 @@ from dolfinx import fem
 from ufl.algorithms.analysis import extract_type
 from ufl.core.expr import Expr
 
-from dolfinx_signorini.accuracy.cells import cell_norms
+from dolfinx_signorini.accuracy.cells import cell_norms, largest_on_boundary
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array
 from dolfinx_signorini.base.errors import InputError
@@ -43,7 +43,6 @@ class Target:
             `norm`, for such norms are of its kind; None for the solution itself.
         rough: Whether the functional has derivatives on facets, as the flux through a side has. The
             dual solution jumps there: no order of convergence is gained from the dual solution.
-        on_boundary: Whether the sup norm in `norm`, one of the domain, is meant on the boundary.
     """
 
     name: str
@@ -51,17 +50,37 @@ class Target:
     functional: Functional | None = None
     of: Quantity | None = None
     rough: bool = False
-    on_boundary: bool = False
 
     @property
     def weighted(self) -> bool:
         """Whether a dual solution tells how errors of cells add up.
 
         The error in an L^p norm at one place comes from cells at other places, too. In W^{1,p} and
-        in sup norms the error of a cell is that of the cell itself.
+        in sup norms most of the error of a cell is that of the cell itself.
         """
         norm = self.norm
-        return norm is None or norm.boundary or (norm.derivatives == 0 and not math.isinf(norm.p))
+        return norm is None or (norm.derivatives < 1 and not math.isinf(norm.p))
+
+    @property
+    def has_own(self) -> bool:
+        """Whether one cell alone may have most of the error: in L^p of the domain, and sup norms.
+
+        In such norms the highest derivatives tell the errors of single cells.
+        """
+        norm = self.norm
+        if norm is None or math.isinf(norm.p):
+            return norm is not None
+        return norm.derivatives == 0 and not norm.boundary
+
+    @property
+    def of_facets(self) -> bool:
+        """Whether the target is the sup norm of the boundary."""
+        return self.norm is not None and self.norm.boundary and math.isinf(self.norm.p)
+
+    @property
+    def in_domain(self) -> "Target":
+        """The same norm of the domain, of a norm of the boundary."""
+        return target("Linf") if self.of_facets else self
 
     @property
     def power(self) -> float:
@@ -129,14 +148,14 @@ class Target:
     def on_cells(self, f: fem.Function) -> Array:
         """Return the norm that is meant of a function on each owned cell; collective."""
         assert self.norm is not None
+        if self.of_facets:
+            return largest_on_boundary(f)
         norm = self.norm if self.of is None else replace(self.norm, derivatives=0.0)
         return cell_norms(f, norm, self.of)
 
 
 def target(norm: str | Functional, of: Quantity | None = None) -> Target:
     """Return the target that a norm's name or a functional means.
-
-    A sup norm of the boundary has the cells of that of the domain, see `Estimator.compare`.
 
     Args:
         norm: The name, or the functional.
@@ -158,8 +177,6 @@ def target(norm: str | Functional, of: Quantity | None = None) -> Target:
     parsed = parse_norm(norm)
     if of is not None:
         return Target(norm, replace(parsed, derivatives=1.0), of=of)
-    if math.isinf(parsed.p):  # no dual solution looks at the largest error on the boundary alone
-        return Target(norm, replace(parsed, boundary=False), on_boundary=parsed.boundary)
     return Target(norm, parsed)
 
 

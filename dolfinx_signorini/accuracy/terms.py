@@ -39,7 +39,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from dolfinx_signorini.accuracy.cells import largest_on_boundary, shared_out
+from dolfinx_signorini.accuracy.cells import shared_out
 from dolfinx_signorini.accuracy.quadrature_errors import missed_by_quadrature
 from dolfinx_signorini.accuracy.targets import Target, size
 from dolfinx_signorini.base import compiled
@@ -155,6 +155,19 @@ class Solved:
         """What w has beyond its interpolation on the undivided mesh."""
         return self.beyond(self.fine.u)
 
+    def beside_data(self, f: fem.Function) -> fem.Function:
+        """Return a function of the divided mesh without what it has at known data, see `met`."""
+        result, layout = fem.Function(f.function_space), self.fine.system.layout
+        result.x.array[:] = f.x.array
+        for condition in self.fine.bcs:
+            dofs = condition.dof_indices()[0]
+            result.x.array[dofs[self.met[dofs]]] = 0.0
+        values = layout.turned(result.x.array[: self.fine.system.A.getLocalSize()[0]])
+        values[layout.contact_dofs[self.met[layout.contact_dofs]]] = 0.0
+        result.x.array[: len(values)] = layout.turned_back(values)
+        result.x.scatter_forward()
+        return result
+
     def beyond(self, f: fem.Function) -> fem.Function:
         """Return f - I f for a function on the divided mesh."""
         return difference(f, self.transfer.prolong(self.transfer.restrict(f)))
@@ -237,20 +250,32 @@ class Solved:
         """Return the norm of a function of the divided mesh on each undivided cell; collective."""
         return self.collected(self.target.on_cells(f))
 
-    def at_facets(self, norms: Array, f: fem.Function) -> Array:
-        """Return norms of a function on cells; of a sup norm of the boundary, those on facets.
+    def felt(self, f: fem.Function) -> Array:
+        """Return the norms of a function on the undivided cells as far as the target feels them.
 
-        Args:
-            norms: The norms on the undivided cells; those of cells inside of the domain stay.
-            f: The function, on the divided mesh; the call is collective.
+        In a norm of the boundary cells inside of the domain have a share of their norms, see
+        `reach`; the call is collective.
         """
-        if not self.target.on_boundary:
-            return norms
-        return np.where(self.at_boundary, self.collected(largest_on_boundary(f)), norms)
+        if not self.target.of_facets:
+            return self.norms(f)
+        inside = self.collected(self.target.in_domain.on_cells(f))
+        return np.where(self._at_boundary, self.norms(f), self.reach * inside)
 
     @functools.cached_property
-    def at_boundary(self) -> Mask:
-        """Whether each owned cell of the undivided mesh has a facet on the boundary."""
+    def reach(self) -> Array:
+        """Which share of the error on each undivided cell reaches the place of the norm.
+
+        In a sup norm of the boundary the difference of the two solutions tells the share of cells
+        inside of the domain; otherwise the share is 1.
+        """
+        if not self.target.of_facets:
+            return np.ones(self.count)
+        error = self.beside_data(self.error)
+        there, inside = size(error, self.target), size(error, self.target.in_domain)
+        return np.where(self._at_boundary, 1.0, min(there / (inside or 1.0), 1.0))
+
+    @functools.cached_property
+    def _at_boundary(self) -> Mask:
         domain, result = self.coarse.u.function_space.mesh, np.zeros(self.count, dtype=bool)
         result[facet_cells(domain, boundary_facets(domain))[:, 0]] = True
         return result
@@ -381,7 +406,8 @@ def quadrature(solved: Solved, dual: Dual | None) -> Array:
     if highest(solved.fine.comm, np.abs(defect.x.array)) == 0.0:
         return np.zeros((2, solved.count))
     if dual is None:
-        return solved.in_norm(solved.target.on_cells(solved.fine.solve_linearised(defect)[0]))
+        moved = solved.norms(solved.fine.solve_linearised(defect)[0])
+        return np.array([moved, moved])
     parts, comm = solved.on_cells(product(defect, dual.z)), solved.fine.comm
     signed, seen = comm.allreduce(parts.sum(axis=1))
     if norm is None:

@@ -75,8 +75,19 @@ def test_norms_fall_at_a_singular_vertex_as_the_energy_tells(p, exponent):
         norms.append(fem.assemble_scalar(fem.form(abs(e) ** p * dx)) ** (1.0 / p))
     rates = Rates(target(f"L{p}"), 2, 1, 2)
     rates.values[:] = 2.0 * np.log2(energies[0] / energies[1])
-    factor = rates.local_prediction(np.ones(1), float(p), np.ones(1)).factors[0]
+    one = np.ones(1)
+    factor = rates.local_prediction(one, one, float(p), one).factors[0]
     assert factor == pytest.approx(max(norms[1] / norms[0], 2.0**-3), rel=1e-9)
+
+
+@pytest.mark.parametrize("rate", [0.5, 1.0, 2.0, 3.0])
+def test_at_singular_points_norms_tell_what_cells_leave_and_elsewhere_derivatives(rate):
+    rates, norms, left = Rates(target("L4"), 2, 1, 2), np.array([7.0]), np.array([0.1])
+    rates.values[:] = rate
+    found = rates.local_prediction(norms, left, 4.0, np.zeros(1))
+    rho = found.factors[0]
+    expected = 7.0 * rho / (1.0 - rho) if rate < 1.5 else 0.1
+    assert found.remaining == pytest.approx(expected, rel=1e-12)
 
 
 def all_of_them(sided, count):
@@ -110,7 +121,8 @@ def test_norms_fall_by_one_order_more_than_the_energy_of_smooth_parts(comm):
     rates, divided, before = after_division(comm, "L16", all_of_them)
     rate, count = 1.25, len(divided.levels)
     rates.measure(divided.owners.of(before) * 2.0**-rate / 2.0)  # the root of four squares
-    factors = rates.local_prediction(np.ones(count), 16.0, np.zeros(count)).factors
+    one = np.ones(count)
+    factors = rates.local_prediction(one, one, 16.0, 0.0 * one).factors
     assert factors == pytest.approx(2.0 ** -(rate + 1.0), rel=1e-9)
 
 
@@ -119,7 +131,7 @@ def test_the_rate_of_a_cell_that_was_not_measured_is_assumed_of_the_norm(lost, o
     """The same one for what a dual solution weighs, and for what cells leave by themselves."""
     rates, lost = Rates(target("L16"), ORDER, 3, 2), np.full(3, lost)
     rates.assume(lost)
-    by_themselves = rates.local_prediction(np.ones(3), 16.0, lost).factors
+    by_themselves = rates.local_prediction(np.ones(3), np.ones(3), 16.0, lost).factors
     assert by_themselves == pytest.approx(rates.prediction(np.ones(3)).factors, rel=1e-12)
     assert by_themselves == pytest.approx(2.0**-order, rel=1e-12)
 

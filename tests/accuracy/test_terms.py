@@ -1,5 +1,7 @@
 """The identity of the error, and problems in which one of its terms alone is the error."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import ufl
@@ -228,38 +230,52 @@ def test_what_no_comparison_shows_is_added(compared, name, load, power):
     assert found[2] >= 0.9 * both  # data move what a dual solution sees, too
 
 
-@pytest.mark.parametrize("degree", [2, 3])
-def test_an_estimate_in_l_p_is_no_less_than_what_cells_leave_by_themselves(compared, degree):
-    """The dual solution looks where the bump of the load is, and unresolved cells beside count."""
+@pytest.mark.parametrize("p", [1, 2, 4, 16])
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_an_estimate_in_l_p_is_no_less_than_the_error_of_a_bump(compared, degree, p):
+    """The dual solution looks where the bump is, and unresolved cells beside count."""
+
+    def exact(x):
+        return ufl.exp(-40.0 * ((x[0] - 0.3) ** 2 + (x[1] ** 2 - 0.3) ** 2)) + ufl.sin(6 * x[0])
 
     def load(x):
-        return 50.0 * ufl.exp(-100.0 * ((x[0] - 0.3) ** 2 + (x[1] - 0.6) ** 2)) + ufl.sin(6 * x[0])
+        return -ufl.div(ufl.grad(exact(x)))
 
-    solved = compared(degree, n=6, asked="L16", load=load, obstacle=-9.0, rule=20)
-    estimator = Estimator(solved.coarse.u.function_space, target("L16"))
+    solved = compared(degree, n=8, asked=f"L{p}", load=load, data=exact, obstacle=-9.0, rule=16)
+    estimator = Estimator(solved.coarse.u.function_space, target(f"L{p}"))
     estimator.compare(solved)
-    comm, left = solved.fine.comm, estimator.local.remaining
-    largest = max(comm.allgather(left.max(initial=0.0)))
-    whole = largest * comm.allreduce(((left / largest) ** 16).sum()) ** (1.0 / 16.0)
-    assert estimator.estimate >= (1.0 - 1e-12) * whole > 0.0
+    w, domain = solved.fine.u, solved.fine.space.mesh
+    e = (w - exact(ufl.SpatialCoordinate(domain))) / 1e-3  # powers stay in the range of numbers
+    form = fem.form(abs(e) ** p * ufl.dx(metadata={"quadrature_degree": 20}))
+    error = 1e-3 * solved.fine.comm.allreduce(fem.assemble_scalar(form)) ** (1.0 / p)
+    assert error <= estimator.estimate <= 6.0 * error
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
 def test_in_sup_norms_of_the_boundary_a_cell_counts_with_its_facets(compared, degree):
-    """The solutions vanish on three sides, and on the bottom they are free."""
+    """The solutions vanish on three sides, and on the bottom they are free.
+
+    Cells inside of the domain count with what reaches the boundary of the difference.
+    """
 
     def load(x):
         return 50.0 * (1.0 + ufl.sin(5.0 * x[0]) * ufl.cos(4.0 * x[1]))
 
     solved = compared(degree, asked="Linf_boundary", load=load, obstacle=-9.0)
-    inside, domain = solved.norms(solved.detail), solved.coarse.u.function_space.mesh
-    found = solved.at_facets(inside, solved.detail)
+    domain, whole = solved.coarse.u.function_space.mesh, replace(solved, target=target("Linf"))
+    inside, found = whole.norms(solved.detail), solved.felt(solved.detail)
     x = domain.geometry.x[domain.geometry.dofmap[owned_cells(domain)]]
     ends = [np.abs(x - end) < 1e-9 for end in (0.0, 1.0)]
     facets = [both[:, :, k].sum(axis=1) > 1 for both in ends for k in range(2)]
     bottom, at = facets[1], np.any(facets, axis=0)
-    assert (solved.at_boundary == at).all()
-    assert found[~at] == pytest.approx(inside[~at], rel=1e-12) and (inside > 0.0).all()
+    assert (solved.norms(solved.detail)[~at] == 0.0).all() and (solved.reach[at] == 1.0).all()
+    values = fem.Function(fem.functionspace(solved.fine.space.mesh, ("Lagrange", 6)))
+    values.interpolate(solved.error)
+    on_bottom = values.function_space.tabulate_dof_coordinates()[:, 1] < 1e-9
+    parts = values.x.array[on_bottom], values.x.array
+    below, most = (max(domain.comm.allgather(np.abs(v).max(initial=0.0))) for v in parts)
+    assert 0.0 < below < 0.9 * most
+    assert found[~at] == pytest.approx(below / most * inside[~at], rel=0.05)
     assert (found[at & ~bottom] <= 1e-14).all()
     fine, largest = solved.fine.space.mesh, np.zeros(len(found))
     for cell, corners in enumerate(fine.geometry.x[fine.geometry.dofmap[owned_cells(fine)]]):
