@@ -112,12 +112,11 @@ class Estimator:
         if measure:
             self.rates.measure(found.local)
         self.rates.assume(found.lost)
-        ends, domain = np.zeros(solved.count, dtype=bool), solved.coarse.u.function_space.mesh
+        domain = solved.coarse.u.function_space.mesh
         for zone in solved.fine.zones:
             here = cells_at_contact_ends(zone, solved.parents, solved.count)
             self.rates.know(here, rate_at_ends(self._target, zone.in_domain))
             self.rates.places[here] = places_of_ends(zone, domain, here)
-            ends |= here
         kinks = cells_at_kinks(solved.fine, solved.parents, solved.count)
         rate = float(self._target.singular_order(KINK_EXPONENT, KINK_EXPONENT, 1))
         self.rates.know(kinks, rate, rate)
@@ -125,19 +124,14 @@ class Estimator:
         self.found = found = replace(found, cells=np.where(kinks, found.moved, found.cells))
         self.prediction, self.along_curves = self.rates.prediction(found.cells), 0.0
         value = self._left_over(solved)
-        if math.isinf(self.rates.power):
-            value = self._with_least(value, ends)
+        self.local = None
+        if self._target.has_own:
+            value = self._with_own(solved, value)
         value += found.algebra + PRECISION * size(solved.fine.u, self._target)
         whole = total(self.prediction.remaining, self.rates.power, self._comm)
         scale = SAFETY * (value / whole if whole > 0.0 else 1.0)
         self.prediction = replace(self.prediction, remaining=self.prediction.remaining * scale)
         self.estimate = SAFETY * value
-        norm, self.local = self._target.norm, None
-        if norm is not None and self._target.weighted and self._target.has_own:
-            # One cell may be the worst by far, and the predicted error has the rate of neighbours.
-            norms = solved.norms(solved.detail)
-            self.local = self.rates.local_prediction(norms, found.left, norm.p, found.lost)
-            self.estimate = max(self.estimate, highest(self._comm, self.local.remaining))
         self._add(SAFETY * found.unseen)
         if self._read is not None:
             data = self._read(solved.fine)
@@ -270,20 +264,27 @@ class Estimator:
         cells = self.found.cells
         return np.asarray(self.prediction.remaining / np.where(cells > 0.0, cells, 1.0))
 
-    def _with_least(self, value: float, ends: Mask) -> float:
-        """Raise an estimate, and the prediction, to what cells leave at least in a sup norm.
+    def _with_own(self, solved: Solved, value: float) -> float:
+        """Raise an estimate to what the worst cell leaves by itself, and note what all cells leave.
 
-        Where the solution is smooth, its derivatives tell. At a singular point two solutions may be
-        farther apart than what the finer one has beyond its interpolant. Where they are much
-        farther apart, errors of other cells have moved the point, and no division of the cells at
-        the point changes that: the estimate is raised, and not the prediction.
+        One cell may be the worst by far: the derivatives tell what such a cell leaves, and need no
+        rate. In a sup norm the largest of these errors are those of the norm.
+
+        Args:
+            solved: The two solutions; the call is collective.
+            value: The estimate.
         """
-        prediction, found = self.prediction, self.found
-        least = np.where(prediction.singular, 0.0, found.left)
-        apart = np.where(prediction.confirmed & ~ends, found.moved * self._shares(), 0.0)
-        own = np.maximum(least, np.where(found.cells >= NOTABLE * found.moved, apart, 0.0))
-        self.prediction = replace(prediction, remaining=np.maximum(prediction.remaining, own))
-        return max(value, total(np.maximum(least, apart), self.rates.power, self._comm))
+        norm, left = self._target.norm, self.found.left
+        assert norm is not None
+        if self._target.weighted:
+            norms = solved.norms(solved.detail)
+            self.local = self.rates.local_prediction(norms, left, norm.p, self.found.lost)
+            own = self.local.remaining
+        else:
+            own = np.where(self.prediction.singular, 0.0, left)
+            remaining = np.maximum(self.prediction.remaining, own)
+            self.prediction = replace(self.prediction, remaining=remaining)
+        return max(value, highest(self._comm, own))
 
 
 def data_errors(solved: Solved, data: Coefficients) -> Array:
