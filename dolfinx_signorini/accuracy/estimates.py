@@ -5,7 +5,6 @@ rates of convergence tell what is left of the difference in the error of the oth
 comparison shows is added: the obstacle between the nodes, and data inside of cells.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeAlias
@@ -120,8 +119,6 @@ class Estimator:
         kinks = cells_at_kinks(solved.fine, solved.parents, solved.count)
         rate = float(self._target.singular_order(KINK_EXPONENT, KINK_EXPONENT, 1))
         self.rates.know(kinks, rate, rate)
-        # The dofs around a kink are those of the obstacle: all of the difference is made there.
-        self.found = found = replace(found, cells=np.where(kinks, found.moved, found.cells))
         self.prediction, self.along_curves = self.rates.prediction(found.cells), 0.0
         value = self._left_over(solved)
         self.local = None
@@ -243,26 +240,20 @@ class Estimator:
 
         Where a dual solution weighs the cells of a norm, the error is predicted as a function: the
         dual solution looks where the difference is largest, and hardly sees what slow cells leave
-        at other places. In a sup norm two solutions may be nearer to each other than to
-        interpolants. In a functional cells cancel each other, but for the share by which rates may
-        be off.
+        at other places. In a sup norm w may be farther from u_h than from its interpolant: the
+        larger distance counts. In a functional cells cancel each other, but for the share by which
+        rates may be off.
         """
         if self._target.weighted and self._target.norm is not None:
             return size(predicted_error(solved, self.rates.shares), self._target)
-        found, power, shares = self.found, self.rates.power, self._shares()
-        parts = found.cells * shares, found.cells
-        left, whole = (total(each, power, self._comm) for each in parts)
-        apart = max(found.difference, whole) if math.isinf(power) else found.difference
-        value = apart * left / whole if whole > 0.0 else apart
+        found, power = self.found, self.rates.power
+        parts = self.prediction.remaining, found.cells
+        left, whole = (total(values, power, self._comm) for values in parts)
+        value = left * max(found.difference / whole, 1.0) if whole > 0.0 else found.difference
         if self._target.norm is not None:
             return value
-        signed = abs(self._comm.allreduce(float((found.signed * shares).sum())))
+        signed = abs(self._comm.allreduce(float((found.signed * self.rates.shares).sum())))
         return (min(signed, value) + (SAFETY - 1.0) * value) / SAFETY
-
-    def _shares(self) -> Array:
-        """What cells leave, over their indicators; 0 for cells without an indicator."""
-        cells = self.found.cells
-        return np.asarray(self.prediction.remaining / np.where(cells > 0.0, cells, 1.0))
 
     def _with_own(self, solved: Solved, value: float) -> float:
         """Raise an estimate to what the worst cell leaves by itself, and note what all cells leave.

@@ -75,8 +75,6 @@ class Indicators:
             add to the functional of the difference.
         cells: For each owned cell of the coarse mesh what the cell adds to the difference; the
             power with which these numbers add up is that of the target.
-        moved: In sup norms the larger one of `cells` and the norm of w - u_h on the cell; otherwise
-            `cells`.
         local: For each cell the part of `cells` that the solution alone tells: with a dual
             solution about the energy of w - I w, and else the whole.
         unseen: What the terms add to the error of w that no comparison shows.
@@ -90,7 +88,6 @@ class Indicators:
 
     difference: float
     cells: Array
-    moved: Array
     local: Array
     unseen: Array
     lost: Array
@@ -126,21 +123,19 @@ def indicators(solved: Solved) -> Indicators:
                 lost = 0.5 * (lost + _lost(solved, dual.z, dual.detail))
         local = np.sqrt(solved.on_cells(product(solved.residual, detail))[1])
         iterated = abs(fine.comm.allreduce(float(algebra(solved, dual)[0].sum())))
-        found = Indicators(apart, cells, cells, local, _unseen(solved, dual), lost, left)
+        found = Indicators(apart, cells, local, _unseen(solved, dual), lost, left)
         return replace(found, signed=signed, algebra=iterated)
     assert norm is not None
     rest = _unseen(solved, None)
     if not math.isinf(norm.p):
-        moved = solved.norms(solved.error)
-        return Indicators(solved.distance, moved, moved, moved, rest, lost, left)
-    # Data are known in values, and what data leave is added.
-    kept = solved.error, detail
-    if not norm.derivatives:
-        kept = solved.beside_data(solved.error), solved.beside_data(detail)
-    moved, cells = map(solved.felt, kept)
-    apart = size(kept[0], target)
-    left *= over(cells, solved.collected(target.in_domain.on_cells(detail)))
-    return Indicators(apart, cells, np.maximum(cells, moved), cells, rest, lost, left)
+        cells = solved.norms(solved.error)
+        return Indicators(solved.distance, cells, cells, rest, lost, left)
+    error = solved.error
+    if not norm.derivatives:  # data are known in values, and what data leave is added
+        error, detail = solved.beside_data(error), solved.beside_data(detail)
+    cells = solved.felt(detail)
+    left *= over(cells, solved.collected(target.in_domain.on_cells(solved.detail)))
+    return Indicators(size(error, target), cells, cells, rest, lost, left)
 
 
 def _unseen(solved: Solved, dual: Dual | None) -> Array:

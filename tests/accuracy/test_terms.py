@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 from dolfinx_signorini import SignoriniProblem, bernstein_space
 from dolfinx_signorini.accuracy.boundary_defects import data_between_nodes
+from dolfinx_signorini.accuracy.derivatives import left_by_derivatives
 from dolfinx_signorini.accuracy.estimates import Estimator
 from dolfinx_signorini.accuracy.indicators import indicators
 from dolfinx_signorini.accuracy.marking import SAFETY
@@ -32,6 +33,7 @@ from dolfinx_signorini.accuracy.terms import (
     residuals,
 )
 from dolfinx_signorini.base import compiled
+from dolfinx_signorini.base.ranks import highest
 from dolfinx_signorini.meshes.refinement import refined
 from dolfinx_signorini.meshes.sided_meshes import SidedMesh, boundary_facets, owned_cells
 from dolfinx_signorini.norms.power_sums import total
@@ -249,6 +251,23 @@ def test_an_estimate_in_l_p_is_no_less_than_the_error_of_a_bump(compared, degree
     form = fem.form(abs(e) ** p * ufl.dx(metadata={"quadrature_degree": 20}))
     error = 1e-3 * solved.fine.comm.allreduce(fem.assemble_scalar(form)) ** (1.0 / p)
     assert error <= estimator.estimate <= 6.0 * error
+
+
+@pytest.mark.parametrize(("asked", "narrow"), [("L16", 100.0), ("Linf", 5.0)])
+def test_an_estimate_is_no_less_than_what_the_worst_cell_leaves_by_itself(compared, asked, narrow):
+    """Here no other estimate is larger: the dual solution hardly sees the worst cell."""
+
+    def load(x):
+        bump = ufl.exp(-narrow * ((x[0] - 0.3) ** 2 + (x[1] - 0.6) ** 2))
+        return 50.0 * bump + ufl.sin(6 * x[0])
+
+    solved = compared(3, n=6, asked=asked, load=load, obstacle=-9.0, rule=20)
+    parts = left_by_derivatives(solved.detail, 0.0, solved.target.norm.p)
+    estimator = Estimator(solved.coarse.u.function_space, solved.target)
+    estimator.compare(solved)
+    parts = np.where(estimator.prediction.singular, 0.0, solved.collected(parts))
+    worst = highest(solved.fine.comm, parts)
+    assert worst > 0.0 and estimator.estimate == pytest.approx(SAFETY * worst, rel=0.01)
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
