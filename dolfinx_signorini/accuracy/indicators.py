@@ -71,8 +71,8 @@ class Indicators:
         worst = found.cells.argmax()
 
     Attributes:
-        difference: The norm of the difference; for a functional the sum of the sizes of what cells
-            add to the functional of the difference.
+        difference: The norm of the difference, in the sup norm of values without known data; for a
+            functional the sum of the sizes of what cells add to the functional of the difference.
         cells: For each owned cell of the coarse mesh what the cell adds to the difference; the
             power with which these numbers add up is that of the target.
         local: For each cell the part of `cells` that the solution alone tells: with a dual
