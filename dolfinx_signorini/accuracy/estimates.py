@@ -259,7 +259,9 @@ class Estimator:
         """Raise an estimate to what the worst cell leaves by itself, and note what all cells leave.
 
         One cell may be the worst by far: the derivatives tell what such a cell leaves, and need no
-        rate. In a sup norm the largest of these errors are those of the norm.
+        rate. In a sup norm the largest of these errors are those of the norm. At a singular point
+        two solutions may be farther apart than the finer one and its interpolant, where errors of
+        other cells have moved the point: dividing cells there does not help.
 
         Args:
             solved: The two solutions; the call is collective.
@@ -275,6 +277,9 @@ class Estimator:
             own = np.where(self.prediction.singular, 0.0, left)
             remaining = np.maximum(self.prediction.remaining, own)
             self.prediction = replace(self.prediction, remaining=remaining)
+            apart = solved.felt(solved.error) * self.rates.shares
+            confirmed = self.prediction.confirmed & ~self.rates.known
+            own = np.where(confirmed, np.maximum(own, apart), own)
         return max(value, highest(self._comm, own))
 
 

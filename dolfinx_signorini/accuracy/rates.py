@@ -63,6 +63,7 @@ class Rates:
         values: The rate of each owned cell.
         corners: The rate that theory knows of each cell at a corner; infinity elsewhere.
         at_corners: Whether each cell is at a corner where theory has a slower rate than elsewhere.
+        known: Whether theory tells the rate of each cell, see `know`.
         places: For each cell the singular point that the cell is known to have, a vertex or an end
             of contact; infinity for other cells.
     """
@@ -77,7 +78,7 @@ class Rates:
         self.at_corners: Mask = np.zeros(count, dtype=bool)
         self.values: Array = np.full(count, SINGULAR * self.order)
         self.places: Array = np.full((count, 3), np.inf)
-        self._known: Mask = np.zeros(count, dtype=bool)
+        self.known: Mask = np.zeros(count, dtype=bool)
         self._confirmed: Mask = np.zeros(count, dtype=bool)
         self._measured: Mask = np.zeros(count, dtype=bool)
         self._deepest = 1  # what derivatives alone tell is believed for one division
@@ -93,7 +94,7 @@ class Rates:
         """
         least, most = (float(np.clip(rate, SLOWEST, self.order)) for rate in (least, most))
         self.values = np.where(cells, np.clip(self.values, least, most), self.values)
-        self._known = self._known | cells
+        self.known = self.known | cells
 
     def assume(self, lost: Array) -> None:
         """Take cells whose rates have not been measured to lose what their derivatives tell.
@@ -163,7 +164,7 @@ class Rates:
         # Where contact ends, the solution on the divided mesh may be no better by chance. The
         # largest errors are at the end itself, where the errors of all levels have the same sign.
         at_ends = of_one_sign if sup else 1.0
-        return np.where(self._known, at_ends, left)
+        return np.where(self.known, at_ends, left)
 
     def prediction(self, cells: Array) -> Prediction:
         """Return what the cells leave in the error of the solution on the divided mesh.
@@ -194,7 +195,7 @@ class Rates:
         self._stood = np.where(divided.away, 0, divided.owners.of(self._stood))
         self.corners = np.full(len(self.values), np.inf)
         self.at_corners = np.zeros(len(self.values), dtype=bool)
-        self._known = np.zeros(len(self.values), dtype=bool)
+        self.known = np.zeros(len(self.values), dtype=bool)
         self.places = np.full((len(self.values), 3), np.inf)
         self._domain, self._before = domain, before
         self._marks, self._divided = marks, divided

@@ -271,6 +271,22 @@ def test_an_estimate_is_no_less_than_what_the_worst_cell_leaves_by_itself(compar
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
+def test_at_a_singular_point_that_was_seen_twice_the_whole_difference_counts(compared, degree):
+    """Errors of other cells have moved both solutions there: here in the least bent cell."""
+    solved = compared(degree, asked="Linf", load=lambda x: 50.0 * ufl.exp(9 * x[0]), obstacle=-99.0)
+    estimator, rho = Estimator(solved.coarse.u.function_space, solved.target), 2.0**-0.5
+    estimator.compare(solved)
+    apart, cells = solved.norms(solved.error), estimator.found.cells
+    excess = np.where(cells > 0.0, apart - 2.0 * cells, -np.inf)
+    here = excess == highest(solved.fine.comm, excess)
+    estimator.rates.values[:] = np.where(here, 0.5, degree + 1.0)
+    estimator.rates._measured[:] = estimator.rates._confirmed[:] = True
+    estimator.compare(solved)
+    worst = highest(solved.fine.comm, apart[here]) * rho / (1.0 - rho**2)
+    assert estimator.estimate >= (1.0 - 1e-9) * SAFETY * worst > 0.0
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
 def test_in_sup_norms_of_the_boundary_a_cell_counts_with_its_facets(compared, degree):
     """The solutions vanish on three sides, and on the bottom they are free.
 
