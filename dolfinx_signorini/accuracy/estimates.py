@@ -277,9 +277,10 @@ class Estimator:
             own = np.where(self.prediction.singular, 0.0, left)
             remaining = np.maximum(self.prediction.remaining, own)
             self.prediction = replace(self.prediction, remaining=remaining)
-            apart = solved.felt(solved.error) * self.rates.shares
             confirmed = self.prediction.confirmed & ~self.rates.known
-            own = np.where(confirmed, np.maximum(own, apart), own)
+            if anywhere(self._comm, confirmed):
+                apart = solved.felt(solved.error) * self.rates.shares
+                own = np.where(confirmed, np.maximum(own, apart), own)
         return max(value, highest(self._comm, own))
 
 

@@ -130,11 +130,12 @@ def indicators(solved: Solved) -> Indicators:
     if not math.isinf(norm.p):
         cells = solved.norms(solved.error)
         return Indicators(solved.distance, cells, cells, rest, lost, left)
-    error = solved.error
-    if not norm.derivatives:  # data are known in values, and what data leave is added
-        error, detail = solved.beside_data(error), solved.beside_data(detail)
-    cells = solved.felt(detail)
-    left *= over(cells, solved.collected(target.in_domain.on_cells(solved.detail)))
+    if norm.derivatives:
+        cells = solved.norms(detail)
+        return Indicators(solved.distance, cells, cells, rest, lost, left)
+    # Data are known in values, and what data leave is added.
+    error, cells = solved.beside_data(solved.error), solved.felt(solved.beside_data(detail))
+    left *= over(cells, solved.collected(target.in_domain.on_cells(detail)))
     return Indicators(size(error, target), cells, cells, rest, lost, left)
 
 

@@ -68,9 +68,9 @@ class Target:
         In such norms the highest derivatives tell the errors of single cells.
         """
         norm = self.norm
-        if norm is None or math.isinf(norm.p):
-            return norm is not None
-        return norm.derivatives == 0 and not norm.boundary
+        if norm is None:
+            return False
+        return math.isinf(norm.p) or (norm.derivatives == 0 and not norm.boundary)
 
     @property
     def of_facets(self) -> bool:
