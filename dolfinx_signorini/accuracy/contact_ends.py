@@ -16,11 +16,11 @@ import numpy as np
 from dolfinx import fem, mesh
 from scipy.spatial import cKDTree
 
-from dolfinx_signorini.accuracy.cells import summed_at_vertices, volumes
+from dolfinx_signorini.accuracy.cells import averaged_at_vertices, volumes
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.accuracy.terms import Dual, Solved
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
-from dolfinx_signorini.base.ranks import marked, summed
+from dolfinx_signorini.base.ranks import marked, shared, summed
 from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.reading import formula_of
 from dolfinx_signorini.meshes.elements import control_points, facet_dofs, facet_pieces
@@ -143,9 +143,8 @@ def unknown_ends(solved: Solved, dual: Dual | None) -> Array:
         off *= stayed[ends]
     parts = np.zeros(len(solved.parents))
     if dual is not None:
-        around = summed(zone.space.dofmap.index_map, dofs[ends])
-        sizes = np.abs(dual.forces.x.array) / np.maximum(around, 1.0)
-        parts[cells[ends]] = off * (sizes[dofs[ends]] * touching[ends]).sum(axis=1)
+        sizes = shared(zone.space.dofmap.index_map, dofs[ends], np.abs(dual.forces.x.array))
+        parts[cells[ends]] = off * (sizes * touching[ends]).sum(axis=1)
         if norm is None or total(parts, 1.0, solved.fine.comm) <= solved.distance:
             return solved.on_parents(np.array([parts, parts]))
         # The difference is none of the ends, and its dual solution looks elsewhere.
@@ -173,11 +172,8 @@ def _gaps_across(zone: Contact, cells: LocalIndices, dofs: LocalIndices, touchin
     roots = np.sqrt(np.maximum(zone.gap.x.array, 0.0))[dofs]
     steps = np.square(np.ptp(roots, axis=1))
     widths = volumes(domain)[cells] ** (1.0 / domain.topology.dim)
-    count, squares = (
-        summed_at_vertices(domain, values[free], cells[free])
-        for values in (np.ones(len(cells)), (steps / widths**2) ** 2)
-    )
-    around = np.sqrt(squares / np.maximum(count, 1.0))[domain.geometry.dofmap[cells]]
+    squares = averaged_at_vertices(domain, ((steps / widths**2) ** 2)[free], cells[free])
+    around = np.sqrt(squares)[domain.geometry.dofmap[cells]]
     return np.asarray(np.maximum(steps, around.max(axis=1, initial=0.0) * widths**2))
 
 

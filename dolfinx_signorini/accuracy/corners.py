@@ -27,7 +27,7 @@ import numpy as np
 from dolfinx import common, mesh
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask, by_place
-from dolfinx_signorini.base.ranks import largest, marked, summed
+from dolfinx_signorini.base.ranks import averaged, largest, marked, summed
 from dolfinx_signorini.base.tolerances import SIX_DIGITS
 from dolfinx_signorini.data.principal_part import PrincipalPart, mixing, principal_part
 from dolfinx_signorini.meshes.angles import cell_angles
@@ -231,7 +231,7 @@ def _candidates(domain: mesh.Mesh, part: PrincipalPart, sides: Sides) -> Mask:
 def _spread(places: common.IndexMap, on: LocalIndices, values: Array) -> Array:
     """How far the values that cells or facets have at places are from their mean there."""
     values = np.nan_to_num(values)
-    means = summed(places, on, values) / np.maximum(summed(places, on), 1.0)
+    means = averaged(places, on, values)
     return largest(places, on.ravel(), np.abs(values - means[on]).ravel())
 
 

@@ -96,20 +96,19 @@ class Estimator:
         """What is to become smaller: the terms of the error, and what cells leave by themselves."""
         return [self.prediction] if self.local is None else [self.prediction, self.local]
 
-    def compare(self, solved: Solved, measure: bool = False) -> None:
+    def compare(self, solved: Solved) -> None:
         """Estimate what two solutions tell of the error of the finer one; the call is collective.
 
         Args:
-            solved: The two solutions.
-            measure: Whether `rates.refine` was told of the mesh, so that rates can be measured.
+            solved: The two solutions, on the first mesh or on that of which `rates.refine` was
+                told.
         """
         self.found = found = indicators(solved)
         if self._read is not None:
             self._look_at_corners(solved)
         if self._singular:
             self._look_at_data(solved)
-        if measure:
-            self.rates.measure(found.local)
+        self.rates.measure(found.local)
         self.rates.assume(found.lost)
         domain = solved.coarse.u.function_space.mesh
         for zone in solved.fine.zones:

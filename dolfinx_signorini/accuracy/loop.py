@@ -188,7 +188,7 @@ class Loop:
     def _estimate(self, solved: Solved) -> None:
         """Compare the solution with the one on the mesh before the division, and note the step."""
         target, estimator = self.request.target, self.estimator
-        estimator.compare(solved, measure=self.rounds > 0)
+        estimator.compare(solved)
         moved = MovedSides(self.curves, self.sided, self.division, solved.fine.u, target)
         if moved:
             self._solve(self.division.sided)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from dolfinx import mesh
 
-from dolfinx_signorini.accuracy.cells import summed_at_vertices, volumes
+from dolfinx_signorini.accuracy.cells import averaged_at_vertices, summed_at_vertices, volumes
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.lookups import Lookup
 from dolfinx_signorini.base.ranks import highest
@@ -329,9 +329,8 @@ def _points(domain: mesh.Mesh, parts: Array, singular: Mask) -> Array:
     vertices = domain.geometry.dofmap[cells]
     largest = highest(domain.comm, parts) or 1.0
     scaled = np.asarray(parts / largest, dtype=np.float64)
-    numbers = np.maximum(summed_at_vertices(domain, np.ones(len(cells)), cells), 1.0)
     # The mean and not the sum: a corner of the domain has few cells.
-    around = summed_at_vertices(domain, scaled, cells) / numbers
+    around = averaged_at_vertices(domain, scaled, cells)
     worst = around[vertices].argmax(axis=1)
     best = vertices[cells, worst]
     slow = np.flatnonzero(singular & (parts > NOTABLE * largest)).astype(np.int32)

@@ -13,12 +13,11 @@ known between the nodes, e is s_i (w - u_h)_i, and where both solutions meet kno
 shares 1 this is w - u_h. Errors of cells cancel and add up in e as they do in the solution.
 """
 
-import numpy as np
 from dolfinx import fem
 
 from dolfinx_signorini.accuracy.terms import Solved, difference, product
 from dolfinx_signorini.base.arrays import Array
-from dolfinx_signorini.base.ranks import summed
+from dolfinx_signorini.base.ranks import averaged
 from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.sided_meshes import owned_cells
 
@@ -55,7 +54,7 @@ def at_dofs(space: fem.FunctionSpace, values: Array) -> fem.Function:
         values: One value for each owned cell.
     """
     result, dofs = fem.Function(space), space.dofmap.list[: len(owned_cells(space.mesh))]
-    around, number = (summed(space.dofmap.index_map, dofs, v) for v in (values[:, None], 1.0))
+    means = averaged(space.dofmap.index_map, dofs, values[:, None])
     for part in component_arrays(result):
-        part[:] = around / np.maximum(number, 1.0)
+        part[:] = means
     return result

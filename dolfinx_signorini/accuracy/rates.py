@@ -81,7 +81,7 @@ class Rates:
         self.known: Mask = np.zeros(count, dtype=bool)
         self._confirmed: Mask = np.zeros(count, dtype=bool)
         self._measured: Mask = np.zeros(count, dtype=bool)
-        self._deepest = 1  # what derivatives alone tell is believed for one division
+        self._divided: Divided | None = None  # by what the mesh became the present one
         # The number of the last divisions that gained nothing.
         self._stood: Indices = np.zeros(count, dtype=np.int64)
 
@@ -176,11 +176,13 @@ class Rates:
         return self._foretold(left, 2.0**-self.values, self.power, self.exponent)
 
     def _foretold(self, remaining: Array, rho: Array, power: float, exponent: float) -> Prediction:
-        seen = self._singular, self._confirmed, self._deepest
+        # What derivatives alone tell is believed for one division.
+        deepest = 1 if self._divided is None else DEEP
+        seen = self._singular, self._confirmed, deepest
         return Prediction(remaining, rho, *seen, power, exponent, self.places)
 
     def refine(self, domain: mesh.Mesh, before: Array, marks: Marks, divided: Divided) -> None:
-        """Carry the rates to a divided mesh; `measure` may follow.
+        """Carry the rates to a divided mesh.
 
         Args:
             domain: The mesh so far.
@@ -201,12 +203,13 @@ class Rates:
         self._marks, self._divided = marks, divided
 
     def measure(self, cells: Array) -> None:
-        """Measure the rates of the cells that have been divided.
+        """Measure the rates of the cells that have been divided; on the first mesh none has been.
 
         Args:
-            cells: The local indicators of the divided mesh.
+            cells: The local indicators of the present mesh.
         """
-        self._deepest = DEEP
+        if self._divided is None:
+            return
         before, singular, divided = self._before, self._marks.singular, self._divided
         owned, levels = divided.owners.of, divided.levels
         deepest, towards = divided.collected(levels, np.inf), owned(singular)

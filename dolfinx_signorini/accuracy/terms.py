@@ -45,7 +45,7 @@ from dolfinx_signorini.accuracy.targets import Target, size
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.petsc import destroy
-from dolfinx_signorini.base.ranks import highest, marked, summed
+from dolfinx_signorini.base.ranks import highest, marked, shared
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.refinement import Transfer
@@ -450,6 +450,5 @@ def shared_by_cells(values: fem.Function) -> Array:
     space = values.function_space
     first, *others = component_arrays(values)
     cells = space.dofmap.list[: len(owned_cells(space.mesh))]
-    number = summed(space.dofmap.index_map, cells)
-    shares = (sum(others, first) / np.maximum(number, 1.0))[cells]
+    shares = shared(space.dofmap.index_map, cells, sum(others, first))
     return np.array([shares.sum(axis=1), np.abs(shares).sum(axis=1)])

@@ -31,6 +31,26 @@ def summed(
     return np.array(sums.array)
 
 
+def averaged(
+    index_map: common.IndexMap, places: npt.NDArray[np.integer[Any]], values: npt.ArrayLike
+) -> Array:
+    """Return for each place the mean of the values of all ranks, 0 for none; see `summed`."""
+    sums, numbers = summed(index_map, places, values), summed(index_map, places)
+    return np.asarray(sums / np.maximum(numbers, 1.0))
+
+
+def shared(
+    index_map: common.IndexMap, places: npt.NDArray[np.integer[Any]], values: Array
+) -> Array:
+    """Return for each entry of some places an even share of the value of its place; collective.
+
+    Args:
+        index_map, places: See `summed`.
+        values: The value of each place that this rank knows.
+    """
+    return np.asarray((values / np.maximum(summed(index_map, places), 1.0))[places])
+
+
 def largest(
     index_map: common.IndexMap, places: npt.NDArray[np.integer[Any]], values: npt.ArrayLike
 ) -> Array:

@@ -23,7 +23,7 @@ from dolfinx import fem, mesh
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.kinds import check, integer, sequence, simplices
-from dolfinx_signorini.base.ranks import summed
+from dolfinx_signorini.base.ranks import shared, summed
 from dolfinx_signorini.base.tolerances import ROUNDING, SOLVED
 
 HIGHEST_DEGREE = 4  # that problems are tested with
@@ -229,7 +229,7 @@ def tested_at_places(space: fem.FunctionSpace, tested: Array) -> Array:
     element, index_map = space.element.basix_element, space.dofmap.index_map
     dofs = space.dofmap.list[: space.mesh.topology.index_map(space.mesh.topology.dim).size_local]
     # Each cell around a place tells its coefficient.
-    shares = (tested / np.maximum(summed(index_map, dofs), 1.0))[dofs]
+    shares = shared(index_map, dofs, tested)
     return summed(index_map, dofs, shares @ _bases(element.cell_type, element.degree)[1])
 
 

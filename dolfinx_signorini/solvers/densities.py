@@ -27,7 +27,7 @@ from dolfinx import fem
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import require
-from dolfinx_signorini.base.ranks import summed
+from dolfinx_signorini.base.ranks import averaged, shared, summed
 from dolfinx_signorini.meshes.elements import bernstein_at_nodes, facet_dofs, is_bernstein
 
 
@@ -51,7 +51,6 @@ class Densities:
         self._values: Array | None = None
         dim = space.mesh.topology.dim - (not in_cells)
         if _needs_bernstein(space, dim):
-            self._shares = 1.0 / np.maximum(summed(self._map, self._dofs), 1.0)
             numbers = np.zeros_like(entities) if in_cells else entities[:, 1]
             self._values = bernstein_at_nodes(space, dim)[numbers]
         self.integrals: Array = _integrals(space, entities)
@@ -74,13 +73,13 @@ class Densities:
         if self._values is None:
             return parts
         values = np.einsum("fij,fj->fi", self._values, parts[self._dofs])
-        return summed(self._map, self._dofs, self._shares[self._dofs] * values)
+        return averaged(self._map, self._dofs, values)
 
     def _tested(self, forces: Array) -> Array:
         """The forces on the functions b_j: each force is shared out among the facets of its dof."""
         if self._values is None:
             return forces
-        parts = (self._shares * forces)[self._dofs]
+        parts = shared(self._map, self._dofs, forces)
         return summed(self._map, self._dofs, np.einsum("fij,fi->fj", self._values, parts))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from dolfinx import mesh
 
 from dolfinx_signorini.base.arrays import Array, Mask
-from dolfinx_signorini.base.ranks import largest, summed
+from dolfinx_signorini.base.ranks import averaged, largest, summed
 from dolfinx_signorini.base.tolerances import SOLVED
 from dolfinx_signorini.data.formulas import Formula
 from dolfinx_signorini.data.interfaces.cutting import planes
@@ -74,9 +74,8 @@ def _planes(sided: SidedMesh, x: Array) -> tuple[Array, Mask]:
     """The planes of the boundary at vertices with coordinates x, see `planes`."""
     places, facets = sided.mesh.geometry.index_map(), boundary_facets(sided.mesh)
     nodes = facet_nodes(sided.mesh, facets)
-    numbers = np.maximum(summed(places, nodes), 1.0)
 
     def mean(values: Array) -> Array:
-        return np.asarray(summed(places, nodes, values[:, None]) / numbers)
+        return averaged(places, nodes, values[:, None])
 
     return planes(x[nodes], sided.combinations(facets)[1], mean)
