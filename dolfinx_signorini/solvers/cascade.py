@@ -5,6 +5,7 @@ and TAO accepts the result. `solve_cascade` is the driver of all computations on
 `coarse_levels` is the rule for these meshes.
 """
 
+import gc
 from collections.abc import Callable, Sequence
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -22,6 +23,10 @@ COARSEST = {2: 64, 3: 16}  # cells across: up to here a solution from scratch co
 # Between the widths of successive meshes, and of a mesh and its coarse space: patch problems bridge
 # 8, but not 11, and smaller ones cost more than the linear solves that they save.
 RATIO = {2: 8, 3: 4}
+# Generations of Python's collector that have the objects made last. The rules by which UFL
+# transforms forms refer to themselves, and by the forms to meshes. In later generations such rules
+# keep hundreds of communicators of meshes, and loops on two ranks took 1.7 times as long.
+NEW = 1
 
 
 class Solvable(Protocol):
@@ -114,6 +119,8 @@ class Cascade(Generic[Level, Problem]):
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is not None and self.problem is not None:
             self.problem.destroy()
+        del self._make_problem  # which may refer to the owner of the cascade, and so to all meshes
+        gc.collect(NEW)
 
     def solve(
         self,
@@ -138,6 +145,7 @@ class Cascade(Generic[Level, Problem]):
             self.coarse = self.problem.contact_state()
             self.problem.destroy()
         self.problem = posed
+        gc.collect(NEW)
         known = self.coarse if keywords.get("method", "cascade") == "cascade" else None
         begun = {} if start is None else {"start": start(posed)}
         posed.solve(coarse=known, **begun, **keywords)

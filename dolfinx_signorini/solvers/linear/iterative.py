@@ -107,6 +107,7 @@ class IterativeSolver(LinearSolver):
             self._set_up(system, held)
             fresh = True
             converged = self._correct(system, x, held, atol, fresh, None)
+        self._checks = []  # which refer to the caller, who has this solver
 
     def _begin_coarse(
         self, system: System, x: PETSc.Vec, held: Mask, multiplier: PETSc.Vec | None, stop: Stop

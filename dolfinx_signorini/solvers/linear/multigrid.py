@@ -293,7 +293,8 @@ class Multigrid:
 
     def free(self) -> None:
         """Free what a set-up has made."""
-        destroy(self.pc, self._finest, *self.matrices, *self._whole)
+        solvers = [solver for level in self._levels for solver in level]
+        destroy(self.pc, *solvers, self._finest, *self.matrices, *self._whole)
         self._levels, self.matrices, self._whole = [], [], []
         self._finest = self._off = None
         self._number = self._truncated = 0
