@@ -156,8 +156,8 @@ def errors_of_steps(known: Known, norm: str, degree: int, first: int) -> list[tu
     points: list[tuple[int, float]] = []
 
     class Watched(Estimator):
-        def compare(self, solved: Solved, measure: bool = False) -> None:
-            super().compare(solved, measure)
+        def compare(self, solved: Solved) -> None:
+            super().compare(solved)
             count = solved.fine.unknowns
             if count >= first:
                 points.append((count, true_error(solved.fine.u, known, norm)))
