@@ -8,7 +8,7 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 
 from dolfinx_signorini.base.arrays import Array, LocalIndices, blocks
-from dolfinx_signorini.base.ranks import averaged, highest, summed
+from dolfinx_signorini.base.ranks import highest, summed
 from dolfinx_signorini.meshes.elements import component_arrays
 from dolfinx_signorini.meshes.jacobians import spanned
 from dolfinx_signorini.meshes.points import Points
@@ -135,15 +135,6 @@ def summed_at_vertices(domain: mesh.Mesh, values: Array, cells: LocalIndices) ->
         cells: The owned cells that have the values.
     """
     return summed(domain.geometry.index_map(), domain.geometry.dofmap[cells], values[:, None])
-
-
-def averaged_at_vertices(domain: mesh.Mesh, values: Array, cells: LocalIndices) -> Array:
-    """Return for each vertex the mean of values of cells around the vertex, 0 for none.
-
-    Args:
-        domain, values, cells: See `summed_at_vertices`.
-    """
-    return averaged(domain.geometry.index_map(), domain.geometry.dofmap[cells], values[:, None])
 
 
 def rule_of_powers(element: basix.finite_element.FiniteElement, p: float) -> QuadratureRule:

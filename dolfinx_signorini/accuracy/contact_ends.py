@@ -16,11 +16,11 @@ import numpy as np
 from dolfinx import fem, mesh
 from scipy.spatial import cKDTree
 
-from dolfinx_signorini.accuracy.cells import averaged_at_vertices, volumes
+from dolfinx_signorini.accuracy.cells import volumes
 from dolfinx_signorini.accuracy.targets import Target
 from dolfinx_signorini.accuracy.terms import Dual, Solved
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
-from dolfinx_signorini.base.ranks import marked, shared, summed
+from dolfinx_signorini.base.ranks import averaged, marked, shared, summed
 from dolfinx_signorini.data.interfaces.jumps import broken_cells
 from dolfinx_signorini.data.reading import formula_of
 from dolfinx_signorini.meshes.elements import control_points, facet_dofs, facet_pieces
@@ -172,8 +172,9 @@ def _gaps_across(zone: Contact, cells: LocalIndices, dofs: LocalIndices, touchin
     roots = np.sqrt(np.maximum(zone.gap.x.array, 0.0))[dofs]
     steps = np.square(np.ptp(roots, axis=1))
     widths = volumes(domain)[cells] ** (1.0 / domain.topology.dim)
-    squares = averaged_at_vertices(domain, ((steps / widths**2) ** 2)[free], cells[free])
-    around = np.sqrt(squares)[domain.geometry.dofmap[cells]]
+    vertices, squares = domain.geometry.dofmap[cells], ((steps / widths**2) ** 2)[:, None]
+    means = averaged(domain.geometry.index_map(), vertices[free], squares[free])
+    around = np.sqrt(means)[vertices]
     return np.asarray(np.maximum(steps, around.max(axis=1, initial=0.0) * widths**2))
 
 

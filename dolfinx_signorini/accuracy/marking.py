@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from dolfinx import mesh
 
-from dolfinx_signorini.accuracy.cells import averaged_at_vertices, summed_at_vertices, volumes
+from dolfinx_signorini.accuracy.cells import summed_at_vertices, volumes
 from dolfinx_signorini.base.arrays import Array, LocalIndices, Mask
 from dolfinx_signorini.base.lookups import Lookup
-from dolfinx_signorini.base.ranks import highest
+from dolfinx_signorini.base.ranks import averaged, highest
 from dolfinx_signorini.base.tolerances import (
     HALF_OF_THE_DIGITS,
     HALVINGS,
@@ -330,7 +330,7 @@ def _points(domain: mesh.Mesh, parts: Array, singular: Mask) -> Array:
     largest = highest(domain.comm, parts) or 1.0
     scaled = np.asarray(parts / largest, dtype=np.float64)
     # The mean and not the sum: a corner of the domain has few cells.
-    around = averaged_at_vertices(domain, scaled, cells)
+    around = averaged(domain.geometry.index_map(), vertices, scaled[:, None])
     worst = around[vertices].argmax(axis=1)
     best = vertices[cells, worst]
     slow = np.flatnonzero(singular & (parts > NOTABLE * largest)).astype(np.int32)

@@ -27,7 +27,7 @@ from dolfinx import fem
 from dolfinx_signorini.base import compiled
 from dolfinx_signorini.base.arrays import Array, LocalIndices
 from dolfinx_signorini.base.errors import require
-from dolfinx_signorini.base.ranks import averaged, shared, summed
+from dolfinx_signorini.base.ranks import shared, summed
 from dolfinx_signorini.meshes.elements import bernstein_at_nodes, facet_dofs, is_bernstein
 
 
@@ -51,6 +51,8 @@ class Densities:
         self._values: Array | None = None
         dim = space.mesh.topology.dim - (not in_cells)
         if _needs_bernstein(space, dim):
+            count = self._map.size_local + self._map.num_ghosts
+            self._shares = shared(self._map, self._dofs, np.ones(count))
             numbers = np.zeros_like(entities) if in_cells else entities[:, 1]
             self._values = bernstein_at_nodes(space, dim)[numbers]
         self.integrals: Array = _integrals(space, entities)
@@ -73,13 +75,13 @@ class Densities:
         if self._values is None:
             return parts
         values = np.einsum("fij,fj->fi", self._values, parts[self._dofs])
-        return averaged(self._map, self._dofs, values)
+        return summed(self._map, self._dofs, self._shares * values)
 
     def _tested(self, forces: Array) -> Array:
         """The forces on the functions b_j: each force is shared out among the facets of its dof."""
         if self._values is None:
             return forces
-        parts = shared(self._map, self._dofs, forces)
+        parts = self._shares * forces[self._dofs]
         return summed(self._map, self._dofs, np.einsum("fij,fi->fj", self._values, parts))
 
 
